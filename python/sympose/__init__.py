@@ -1,0 +1,1 @@
+"""6-DoF pose of rotationally symmetric parts from raw point clouds, without a CAD model."""

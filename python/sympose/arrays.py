@@ -1,0 +1,50 @@
+"""The one way in for arrays: checked for type and shape, float64, C-order."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sympose.errors import InvalidInputError
+
+T = TypeVar("T", bound=np.generic)
+
+__all__ = ["as_floats", "as_points", "read_only"]
+
+
+def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return real numbers of any shape as a float64 array in C-order; copies only where it must.
+
+    Raises:
+        InvalidInputError: `value` is ragged or does not hold real numbers.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
+    if array.dtype.kind not in "fiub":
+        raise InvalidInputError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    return np.asarray(array, dtype=np.float64, order="C")
+
+
+def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    """Return `value` as a float64 array of shape (N, 3) in C-order; NaN is let through.
+
+    Any real dtype, memory order, stride and read-only array is accepted and gives the same result.
+
+    Raises:
+        InvalidInputError: `value` is not numeric or not of shape (N, 3).
+    """
+    array = as_floats(value, name)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidInputError(f"{name} must have shape (N, 3), got {array.shape}")
+    return array
+
+
+def read_only(array: NDArray[T]) -> NDArray[T]:
+    """Return a view that cannot be written through, and leaves the caller's own array as it is."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
