@@ -1,0 +1,190 @@
+//! [`Config`]: every setting of the pipeline, nested by stage, with defaults that fit any unit.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::symmetry::order::Order;
+
+/// What to do with points that have a NaN or infinite coordinate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NonFinite {
+    /// Leave them out and count them.
+    #[default]
+    Drop,
+    /// Refuse the cloud.
+    Error,
+}
+
+/// Whether a support plane is looked for and removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GroundMode {
+    /// Remove a plane only when it passes the support test.
+    #[default]
+    Auto,
+    /// Remove the largest plane that has the rest of the scene on one side.
+    On,
+    /// Remove nothing.
+    Off,
+}
+
+/// Which part of the cloud is taken as the object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClusterMode {
+    /// The main cluster, with the pieces that belong to it.
+    #[default]
+    Main,
+    /// Everything.
+    Off,
+}
+
+/// The distance that the symmetry minimises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Residual {
+    /// Along the mean of both normals (Rusinkiewicz 2019).
+    #[default]
+    PointToPlane,
+    /// Between the points themselves: the paper's.
+    PointToPoint,
+    /// Between local Gaussians (GICP; Segal et al. 2009).
+    Distribution,
+}
+
+/// Where on the axis the origin of the object lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Origin {
+    /// Centroid of the completed cloud: the paper's.
+    #[default]
+    Centroid,
+    /// Where the axis meets the support plane; without one, the lower end of the completed cloud.
+    Base,
+    /// Middle between both ends of the completed cloud.
+    Midpoint,
+}
+
+/// How the primary orientation about the axis is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Yaw {
+    /// Phase of the n-th angular harmonic, taken per band of radius and height.
+    #[default]
+    Harmonic,
+    /// Extreme of the angular histogram of the completed cloud: the paper's.
+    Histogram,
+}
+
+/// Every setting of an estimate. Lengths left `None` are found from the spacing of the points and the size of the part.
+///
+/// ```
+/// use sympose::{Config, Order};
+/// let config = Config { order: Order::Cyclic(5), voxel_size: Some(0.002), ..Config::default() };
+/// assert!(config.validate().is_ok());
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Order of the symmetry.
+    pub order: Order,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Worker threads in a pool of its own; `None`: the pool of the caller.
+    pub threads: Option<usize>,
+    /// Points with a NaN or infinite coordinate.
+    pub non_finite: NonFinite,
+    /// Lower and upper corner of the region of interest, world frame [length]; points outside are ignored.
+    pub roi: Option<[[f64; 3]; 2]>,
+    /// Rough direction of the axis, world frame, sign ignored; the search stays within 30 degrees of it.
+    pub axis_hint: Option<[f64; 3]>,
+    /// Support plane.
+    pub ground: GroundMode,
+    /// Edge of a voxel [length].
+    pub voxel_size: Option<f64>,
+    /// Cluster that is kept.
+    pub cluster: ClusterMode,
+    /// Residual that the refinement minimises.
+    pub residual: Residual,
+    /// Whether points and axis are optimised together, or the axis alone.
+    pub joint: bool,
+    /// Origin on the axis.
+    pub origin: Origin,
+    /// Rule for the primary orientation.
+    pub yaw: Yaw,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            order: Order::default(),
+            seed: 0,
+            threads: None,
+            non_finite: NonFinite::default(),
+            roi: None,
+            axis_hint: None,
+            ground: GroundMode::default(),
+            voxel_size: None,
+            cluster: ClusterMode::default(),
+            residual: Residual::default(),
+            joint: true,
+            origin: Origin::default(),
+            yaw: Yaw::default(),
+        }
+    }
+}
+
+impl Config {
+    /// The method of Dai et al. (arXiv 2606.16593) as written: plane fit and centroid as the initial pose,
+    /// point-to-point residuals, joint optimisation, yaw from the histogram, origin at the centroid.
+    #[must_use]
+    pub fn paper() -> Self {
+        Self { residual: Residual::PointToPoint, yaw: Yaw::Histogram, ..Self::default() }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] naming the first setting outside its domain.
+    pub fn validate(&self) -> Result<()> {
+        self.order.validate()?;
+        if let Some(size) = self.voxel_size {
+            positive("voxel_size", size)?;
+        }
+        if self.threads == Some(0) {
+            return Err(Error::InvalidParameter {
+                name: "threads",
+                value: "0".into(),
+                expected: "at least 1, or none for all cores",
+            });
+        }
+        if let Some([lower, upper]) = self.roi
+            && !(0..3).all(|axis| lower[axis] < upper[axis])
+        {
+            return Err(Error::InvalidParameter {
+                name: "roi",
+                value: format!("{lower:?} .. {upper:?}"),
+                expected: "a lower corner below the upper corner in every coordinate",
+            });
+        }
+        if let Some(hint) = self.axis_hint
+            && !hint.iter().map(|x| x * x).sum::<f64>().sqrt().is_normal()
+        {
+            return Err(Error::InvalidParameter {
+                name: "axis_hint",
+                value: format!("{hint:?}"),
+                expected: "a finite direction other than zero",
+            });
+        }
+        Ok(())
+    }
+}
+
+pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(Error::InvalidParameter { name, value: value.to_string(), expected: "a positive, finite number" })
+    }
+}
