@@ -1,0 +1,155 @@
+"""`read` and `write`: find the format of a file and hand it to the module that knows it."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sympose.errors import InvalidInputError, SymposeError
+from sympose.io.colmap import read_colmap
+from sympose.io.npz import read_npy, read_npz, write_npy, write_npz
+from sympose.io.pcd import read_pcd, write_pcd
+from sympose.io.ply import read_ply, write_ply
+from sympose.io.table import read_table, write_csv, write_xyz
+from sympose.scene import Scene
+
+__all__ = ["read", "write"]
+
+_READERS: dict[str, Callable[[Path], Scene]] = {
+    "PLY": read_ply,
+    "PCD": read_pcd,
+    "NPY": read_npy,
+    "NPZ": read_npz,
+    "text": read_table,
+}
+_WRITERS: dict[str, Callable[[Path, Scene, bool], None]] = {
+    ".ply": write_ply,
+    ".pcd": write_pcd,
+    ".xyz": write_xyz,
+    ".txt": write_xyz,
+    ".csv": write_csv,
+    ".npy": write_npy,
+    ".npz": write_npz,
+}
+_BINARY_SUFFIXES = {".ply": "PLY", ".pcd": "PCD", ".npy": "NPY", ".npz": "NPZ"}
+_TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".tsv", "")
+_IMAGE_STARTS = (b"\x89PNG", b"II*\0", b"MM\0*", b"\xff\xd8\xff")
+
+
+def read(path: str | os.PathLike[str]) -> Scene:
+    """Read a point cloud, or a COLMAP model from its folder.
+
+    The format is found by content, and by suffix where the content does not tell. Points that are not finite,
+    as in organised clouds, are kept.
+
+    - PLY: ascii and binary of both endians. Of a mesh, the vertices. Normals, colours; the position in PCL's
+      `camera` element is the viewpoint unless it is the origin.
+    - PCD: ascii, binary, binary_compressed. The position in VIEWPOINT is the viewpoint of all points. The
+    default
+      (0 0 0 1 0 0 0) also stands in clouds that have none, so it counts as a sensor at the origin only where
+      the cloud is organised (HEIGHT > 1), that is an image of one sensor.
+    - XYZ, TXT, CSV: see `sympose.io.table`.
+    - NPY: (N, 3) points, or (N, 6) with normals or colours.
+    - NPZ: keys `points`, and optionally `normals`, `colors`, `viewpoints`; or `depth` (or `depth_m`) with
+    `K`, and
+      optionally `rgb`, `world_from_camera`, `depth_scale`: a depth image as in `Scene.from_depth`.
+    - COLMAP: see `read_colmap`.
+
+    Args:
+        path: File or folder.
+
+    Raises:
+        FileNotFoundError: There is nothing at `path`.
+        InvalidInputError: It is empty, truncated, or of another kind; the message says what was expected.
+        ImportError: The package that reads the format is missing.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "cloud.ply"
+        >>> write(path, [[0.0, 0.0, 1.0], [0.0, 2.0, 1.0]])
+        >>> read(path)
+        Scene('cloud.ply': 2 points)
+    """
+    file = Path(path)
+    if not file.exists():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
+    if file.is_dir():
+        return read_colmap(file)
+    kind = _kind(file)
+    try:
+        scene = _READERS[kind](file)
+    except (SymposeError, OSError, ImportError):
+        raise
+    # A damaged file can raise anything inside the libraries that parse it.
+    except Exception as error:
+        raise InvalidInputError(f"{file}: damaged or not a {kind} file: {error}") from error
+    if len(scene) == 0:
+        raise InvalidInputError(f"{file}: the {kind} file holds no points")
+    return scene
+
+
+def write(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    *,
+    normals: ArrayLike | None = None,
+    colors: ArrayLike | None = None,
+) -> None:
+    """Write a point cloud; the suffix says in which format.
+
+    PLY (binary, little endian), PCD (binary), XYZ or TXT, CSV, NPY (no colours) and NPZ. Nothing is rounded:
+    PLY, PCD and NumPy files hold float32 where `points` is float32, and float64 otherwise; text has as many
+    digits as it takes. Old versions of PCL read only float32.
+
+    Args:
+        path: An existing file is replaced.
+        points: (N, 3).
+        normals: (N, 3).
+        colors: (N, 3) integers from 0 to 255 or floats from 0 to 1.
+
+    Raises:
+        InvalidInputError: An unknown suffix, no points, or arrays that do not fit together.
+        ImportError: The package that writes the format is missing.
+    """
+    file = Path(path)
+    writer = _WRITERS.get(file.suffix.lower())
+    if writer is None:
+        raise InvalidInputError(f"{file}: cannot write {file.suffix!r}, only {', '.join(_WRITERS)}")
+    scene = Scene(points, colors, normals)
+    if len(scene) == 0:
+        raise InvalidInputError(f"{file}: there are no points to write")
+    writer(file, scene, np.asarray(points).dtype == np.float32)
+
+
+def _kind(file: Path) -> str:
+    with file.open("rb") as stream:
+        start = stream.read(4096)
+    if not start:
+        raise InvalidInputError(f"{file}: the file is empty")
+    if start.startswith((b"ply\n", b"ply\r")):
+        return "PLY"
+    if start.startswith(b"\x93NUMPY"):
+        return "NPY"
+    if start.startswith(b"PK\x03\x04"):
+        return "NPZ"
+    suffix = file.suffix.lower()
+    lines = [line.split(b" ")[0] for line in start.splitlines()]
+    if b"FIELDS" in lines and b"POINTS" in lines:
+        return "PCD"
+    if suffix in _BINARY_SUFFIXES:
+        raise InvalidInputError(
+            f"{file}: not a {_BINARY_SUFFIXES[suffix]} file; it starts with {start[:16]!r}"
+        )
+    if start.startswith(_IMAGE_STARTS):
+        raise InvalidInputError(f"{file}: an image, not a point cloud; use Scene.from_depth for depth images")
+    if suffix not in _TEXT_SUFFIXES or b"\0" in start:
+        raise InvalidInputError(
+            f"{file}: not a point cloud of a known format (PLY, PCD, XYZ, TXT, CSV, NPY, NPZ, or a COLMAP "
+            f"folder); it starts with {start[:16]!r}"
+        )
+    return "text"
