@@ -7,11 +7,7 @@ pub mod control;
 pub mod error;
 pub mod estimate;
 pub mod spatial;
-/// Symmetry.
-pub mod symmetry {
-    /// Order.
-    pub mod order;
-}
+pub mod symmetry;
 pub use cloud::PointCloud;
 pub use config::Config;
 pub use control::{CancelToken, Control};

@@ -41,6 +41,78 @@ impl Order {
     }
 }
 
+/// Rotation angles of a symmetry, each with a weight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Turns(Vec<(f64, f64)>);
+
+/// The golden angle: its multiples share no small divisor with a full turn, so they alias with no discrete order.
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
+impl Turns {
+    /// Rotations for finding the axis, at most `max` of them.
+    ///
+    /// k and n - k give nearly the same equations, so half of the group suffices; k = n/2 counts half, since it pairs
+    /// each couple of points twice. A continuous symmetry takes multiples of the golden angle.
+    #[must_use]
+    pub fn half(order: Order, max: usize) -> Self {
+        match order {
+            Order::Cyclic(n) => {
+                let half = (n / 2) as usize;
+                let turn = |k: usize| {
+                    let weight = if 2 * k == n as usize { 0.5 } else { 1.0 };
+                    (std::f64::consts::TAU * k as f64 / f64::from(n), weight)
+                };
+                Self(spread(half, max).map(|k| turn(k + 1)).collect())
+            }
+            Order::Continuous | Order::Auto => Self::golden(max),
+        }
+    }
+
+    /// All rotations but the identity, at most `max` of them, evenly spread.
+    #[must_use]
+    pub fn all(order: Order, max: usize) -> Self {
+        match order {
+            Order::Cyclic(n) => {
+                let turn = |k: usize| (std::f64::consts::TAU * k as f64 / f64::from(n), 1.0);
+                Self(spread(n as usize - 1, max).map(|k| turn(k + 1)).collect())
+            }
+            Order::Continuous | Order::Auto => Self::golden(max),
+        }
+    }
+
+    fn golden(count: usize) -> Self {
+        Self((1..=count).map(|k| ((GOLDEN_ANGLE * k as f64) % std::f64::consts::TAU, 1.0)).collect())
+    }
+
+    /// Angle [rad] and weight of each rotation.
+    pub fn iter(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.0.iter().copied()
+    }
+
+    /// Angles [rad].
+    pub fn angles(&self) -> impl Iterator<Item = f64> + '_ {
+        self.0.iter().map(|(angle, _)| *angle)
+    }
+
+    /// Number of rotations.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// At most `max` indices below `count`, evenly spread, the last one included.
+fn spread(count: usize, max: usize) -> impl Iterator<Item = usize> {
+    let taken = count.min(max.max(1));
+    (1..=taken).map(move |i| (i * count) / taken - 1)
+}
+
 fn invalid(value: &str) -> Error {
     Error::InvalidParameter {
         name: "order",

@@ -1,0 +1,274 @@
+//! The self-alignment problem: rotated points against the measured surface, for fixed correspondences.
+
+use nalgebra::{Matrix3, Matrix4x3, Vector3, Vector4};
+use rayon::prelude::*;
+
+use crate::config::Residual;
+use crate::error::Result;
+use crate::symmetry::axis::{Axis, Turn};
+use crate::symmetry::order::Turns;
+use crate::symmetry::robust::Huber;
+use crate::symmetry::solver::{NormalEquations, RobustProblem};
+use crate::symmetry::surface::{Gate, Surface};
+
+/// Points in a unit of parallel work; fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 2048;
+
+/// No correspondence.
+const NONE: u32 = u32::MAX;
+
+/// For each point and each rotation the measured point that it meets.
+#[derive(Debug, Clone)]
+pub struct Correspondences {
+    turns: usize,
+    matched: Vec<u32>,
+}
+
+impl Correspondences {
+    /// Rotates every point by every turn and looks up its match; O(points x turns) queries, in parallel.
+    #[must_use]
+    pub fn find(surface: &Surface, axis: &Axis, turns: &Turns, gate: Gate) -> Self {
+        let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
+        let mut matched = vec![NONE; surface.len() * moves.len()];
+        if !moves.is_empty() {
+            matched.par_chunks_mut(CHUNK * moves.len()).enumerate().for_each(|(chunk, rows)| {
+                for (offset, row) in rows.chunks_exact_mut(moves.len()).enumerate() {
+                    let i = chunk * CHUNK + offset;
+                    for (slot, turn) in row.iter_mut().zip(&moves) {
+                        let point = turn.apply(&surface.points[i]);
+                        let normal = turn.rotation * surface.normals[i];
+                        *slot = surface.matching(&point, &normal, gate).unwrap_or(NONE);
+                    }
+                }
+            });
+        }
+        Self { turns: moves.len(), matched }
+    }
+
+    /// Matches of point `i`: for each turn the index of the measured point, or `None`.
+    pub fn of(&self, i: usize) -> impl Iterator<Item = Option<usize>> + '_ {
+        self.matched[i * self.turns..(i + 1) * self.turns].iter().map(|&j| (j != NONE).then_some(j as usize))
+    }
+
+    /// Number of rotated points that met the surface.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.matched.iter().filter(|&&j| j != NONE).count()
+    }
+
+    /// Share of rotated points that met the surface.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        if self.matched.is_empty() { 0.0 } else { self.count() as f64 / self.matched.len() as f64 }
+    }
+}
+
+/// The unknowns: the axis, and a displacement of each point when points are optimised too.
+#[derive(Debug, Clone)]
+pub struct Unknowns {
+    /// The symmetry axis.
+    pub axis: Axis,
+    /// Displacement of each point [length]; empty when the points are held fixed.
+    pub offsets: Vec<Vector3<f64>>,
+}
+
+/// Equation of the paper for fixed matches: sum over points i and rotations k of
+/// rho(|c + R_k (p_i + t_i - c) - p'_ik|), plus |t_i|^2 / 2 that holds each point at its own measurement.
+///
+/// The matches p' are *measured* points, never refined ones: averages of averages would shrink thin blades.
+pub struct SelfAlignment<'a> {
+    /// The measured surface.
+    pub surface: &'a Surface,
+    /// Rotations of the symmetry and their weights.
+    pub turns: &'a Turns,
+    /// Matches, fixed while solving.
+    pub correspondences: &'a Correspondences,
+    /// Distance that is minimised.
+    pub residual: Residual,
+    /// Robust loss, its width frozen while solving.
+    pub loss: Huber,
+    /// Weight of a point's own measurement against one match.
+    pub anchor: f64,
+    /// Largest displacement of a point [length].
+    pub max_offset: f64,
+}
+
+/// A rotation with all that the derivative needs; `lever` holds (R - I) applied to both tangents.
+struct Leverage {
+    turn: Turn,
+    lever: [Vector3<f64>; 2],
+    weight: f64,
+}
+
+/// Normal equations of one point: axis block, point block, and the coupling between them.
+#[derive(Default)]
+struct Block {
+    axis: NormalEquations,
+    coupling: Matrix4x3<f64>,
+    point_hessian: Matrix3<f64>,
+    point_gradient: Vector3<f64>,
+}
+
+impl SelfAlignment<'_> {
+    fn leverages(&self, axis: &Axis) -> Vec<Leverage> {
+        let tangents = axis.tangents();
+        self.turns
+            .iter()
+            .map(|(angle, weight)| {
+                let turn = axis.turn(angle);
+                Leverage { turn, lever: tangents.map(|t| turn.rotation * t - t), weight }
+            })
+            .collect()
+    }
+
+    fn offset(&self, unknowns: &Unknowns, i: usize) -> Vector3<f64> {
+        unknowns.offsets.get(i).copied().unwrap_or_default()
+    }
+
+    fn block(&self, unknowns: &Unknowns, leverages: &[Leverage], i: usize) -> Block {
+        let mut block = Block::default();
+        let offset = self.offset(unknowns, i);
+        let point = self.surface.points[i] + offset;
+        let arm = point - unknowns.axis.point;
+        let joint = !unknowns.offsets.is_empty();
+        if joint {
+            block.axis.cost = 0.5 * self.anchor * offset.norm_squared();
+            block.point_hessian = Matrix3::identity() * self.anchor;
+            block.point_gradient = offset * self.anchor;
+        }
+        for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
+            let Some(j) = matched else { continue };
+            let rotation = &leverage.turn.rotation;
+            let difference = leverage.turn.apply(&point) - self.surface.points[j];
+            let rows = self.residual.rows(&(rotation * self.surface.normals[i]), &self.surface.normals[j]);
+            let residual = rows.residual(&difference);
+            let weight = leverage.weight * self.loss.weight(residual);
+            block.axis.cost += leverage.weight * self.loss.cost(residual);
+            let rotated_arm = rotation * arm;
+            for m in rows.as_slice() {
+                // dq/d(tilt) = [R d]_x (R - I) and dq/d(shift) = I - R, in the plane normal to the axis.
+                let moment = m.cross(&rotated_arm);
+                let [lever_u, lever_v] = &leverage.lever;
+                let jacobian = Vector4::new(
+                    lever_u.dot(&moment),
+                    lever_v.dot(&moment),
+                    -lever_u.dot(m),
+                    -lever_v.dot(m),
+                );
+                let r = m.dot(&difference);
+                block.axis.hessian += jacobian * jacobian.transpose() * weight;
+                block.axis.gradient += jacobian * (weight * r);
+                if joint {
+                    let s = rotation.tr_mul(m);
+                    block.point_hessian += s * s.transpose() * weight;
+                    block.point_gradient += s * (weight * r);
+                    block.coupling += jacobian * s.transpose() * weight;
+                }
+            }
+        }
+        block
+    }
+}
+
+impl RobustProblem for SelfAlignment<'_> {
+    type Param = Unknowns;
+
+    fn linearize(&self, unknowns: &Unknowns) -> Result<NormalEquations> {
+        let leverages = self.leverages(&unknowns.axis);
+        let joint = !unknowns.offsets.is_empty();
+        let indices: Vec<usize> = (0..self.surface.len()).step_by(CHUNK).collect();
+        let parts: Vec<NormalEquations> = indices
+            .par_iter()
+            .map(|&start| {
+                let mut sum = NormalEquations::default();
+                for i in start..(start + CHUNK).min(self.surface.len()) {
+                    let mut block = self.block(unknowns, &leverages, i);
+                    if joint && let Some(inverse) = block.point_hessian.try_inverse() {
+                        // Schur complement: the point is eliminated here and recovered in `step`.
+                        let gain = block.coupling * inverse;
+                        block.axis.hessian -= gain * block.coupling.transpose();
+                        block.axis.gradient -= gain * block.point_gradient;
+                    }
+                    sum.add(&block.axis);
+                }
+                sum
+            })
+            .collect();
+        Ok(parts.iter().fold(NormalEquations::default(), |mut sum, part| {
+            sum.add(part);
+            sum
+        }))
+    }
+
+    fn cost(&self, unknowns: &Unknowns) -> Result<f64> {
+        let leverages = self.leverages(&unknowns.axis);
+        let indices: Vec<usize> = (0..self.surface.len()).step_by(CHUNK).collect();
+        let parts: Vec<f64> = indices
+            .par_iter()
+            .map(|&start| {
+                let mut sum = 0.0;
+                for i in start..(start + CHUNK).min(self.surface.len()) {
+                    let offset = self.offset(unknowns, i);
+                    let point = self.surface.points[i] + offset;
+                    sum += 0.5 * self.anchor * offset.norm_squared();
+                    for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
+                        let Some(j) = matched else { continue };
+                        let normal = leverage.turn.rotation * self.surface.normals[i];
+                        let rows = self.residual.rows(&normal, &self.surface.normals[j]);
+                        let difference = leverage.turn.apply(&point) - self.surface.points[j];
+                        sum += leverage.weight * self.loss.cost(rows.residual(&difference));
+                    }
+                }
+                sum
+            })
+            .collect();
+        Ok(parts.iter().sum())
+    }
+
+    fn step(&self, unknowns: &Unknowns, step: &Vector4<f64>) -> Unknowns {
+        let axis = unknowns.axis.retract(step);
+        let leverages = self.leverages(&unknowns.axis);
+        let mut offsets = unknowns.offsets.clone();
+        offsets.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, offsets)| {
+            for (local, offset) in offsets.iter_mut().enumerate() {
+                let block = self.block(unknowns, &leverages, chunk * CHUNK + local);
+                if let Some(inverse) = block.point_hessian.try_inverse() {
+                    *offset -= inverse * (block.point_gradient + block.coupling.tr_mul(step));
+                }
+                let length = offset.norm();
+                if length > self.max_offset {
+                    *offset *= self.max_offset / length;
+                }
+            }
+        });
+        Unknowns { axis, offsets }
+    }
+}
+
+/// Absolute residuals of all matches at `axis`, in the order of the points.
+#[must_use]
+pub fn residuals(
+    surface: &Surface,
+    axis: &Axis,
+    turns: &Turns,
+    correspondences: &Correspondences,
+    residual: Residual,
+) -> Vec<f64> {
+    let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
+    let parts: Vec<Vec<f64>> = (0..surface.len())
+        .collect::<Vec<_>>()
+        .par_chunks(CHUNK)
+        .map(|chunk| {
+            let mut found = Vec::new();
+            for &i in chunk {
+                for (turn, matched) in moves.iter().zip(correspondences.of(i)) {
+                    let Some(j) = matched else { continue };
+                    let rows = residual.rows(&(turn.rotation * surface.normals[i]), &surface.normals[j]);
+                    found.push(rows.residual(&(turn.apply(&surface.points[i]) - surface.points[j])));
+                }
+            }
+            found
+        })
+        .collect();
+    parts.concat()
+}

@@ -1,0 +1,115 @@
+//! The symmetry axis as a line: four parameters, not six.
+
+use nalgebra::{Matrix3, Rotation3, Unit, UnitVector3, Vector3, Vector4};
+
+/// A line in space: where the rotations of a symmetry take place.
+///
+/// Rotation about the line and sliding along it change nothing, so a step has four parameters: two tilt the direction
+/// and two shift the point, all in the plane normal to the axis (METHOD of the project, section 4).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axis {
+    /// Unit direction.
+    pub direction: UnitVector3<f64>,
+    /// A point on the line, kept near the centroid of the cloud so that tilt and shift stay well scaled.
+    pub point: Vector3<f64>,
+}
+
+impl Axis {
+    /// A line through `point`; `None` when `direction` has no length.
+    #[must_use]
+    pub fn new(direction: Vector3<f64>, point: Vector3<f64>) -> Option<Self> {
+        Unit::try_new(direction, 1e-12).map(|direction| Self { direction, point })
+    }
+
+    /// Two unit vectors that span the plane normal to the axis; right-handed with the direction.
+    #[must_use]
+    pub fn tangents(&self) -> [Vector3<f64>; 2] {
+        let a = self.direction.into_inner();
+        let least = Vector3::ith(a.iamin(), 1.0);
+        let u = a.cross(&least).normalize();
+        [u, a.cross(&u)]
+    }
+
+    /// Applies a step: tilt about both tangents [rad], then shift along both [length].
+    #[must_use]
+    pub fn retract(&self, step: &Vector4<f64>) -> Self {
+        let [u, v] = self.tangents();
+        let tilt = Rotation3::new(u * step[0] + v * step[1]);
+        Self {
+            direction: Unit::new_normalize(tilt * self.direction.into_inner()),
+            point: self.point + u * step[2] + v * step[3],
+        }
+    }
+
+    /// The same line, held by its point nearest to `center`.
+    #[must_use]
+    pub fn recentered(&self, center: &Vector3<f64>) -> Self {
+        Self { direction: self.direction, point: self.project(center) }
+    }
+
+    /// The point of the line nearest to `p`.
+    #[must_use]
+    pub fn project(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        let a = self.direction.into_inner();
+        self.point + a * a.dot(&(p - self.point))
+    }
+
+    /// Distance of `p` from the line.
+    #[must_use]
+    pub fn distance(&self, p: &Vector3<f64>) -> f64 {
+        (p - self.project(p)).norm()
+    }
+
+    /// Angle between two undirected lines, in [0, pi/2] radians.
+    #[must_use]
+    pub fn angle_to(&self, other: &Self) -> f64 {
+        let (a, b) = (self.direction.into_inner(), other.direction.into_inner());
+        a.cross(&b).norm().atan2(a.dot(&b).abs())
+    }
+
+    /// Rotation about the line by `angle` [rad].
+    #[must_use]
+    pub fn turn(&self, angle: f64) -> Turn {
+        let rotation = Rotation3::from_axis_angle(&self.direction, angle).into_inner();
+        Turn { rotation, translation: self.point - rotation * self.point }
+    }
+}
+
+/// A rotation about a line, as the rigid motion `q = rotation p + translation`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn {
+    /// Rotation matrix.
+    pub rotation: Matrix3<f64>,
+    /// Translation [length].
+    pub translation: Vector3<f64>,
+}
+
+impl Turn {
+    /// Moves a point.
+    #[must_use]
+    pub fn apply(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation * p + self.translation
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn retract_moves_along_the_tangents() {
+        let axis = Axis::new(Vector3::new(0.3, -0.2, 0.9), Vector3::new(1.0, 2.0, 3.0)).unwrap();
+        let [u, v] = axis.tangents();
+        assert!((u.cross(&v) - axis.direction.into_inner()).norm() < 1e-14);
+        let moved = axis.retract(&Vector4::new(0.0, 1e-3, 0.2, 0.0));
+        assert!((moved.angle_to(&axis) - 1e-3).abs() < 1e-12);
+        assert!((moved.point - axis.point - u * 0.2).norm() < 1e-14);
+    }
+
+    #[test]
+    fn turn_keeps_the_axis() {
+        let axis = Axis::new(Vector3::new(0.3, -0.2, 0.9), Vector3::new(1.0, 2.0, 3.0)).unwrap();
+        let on_axis = axis.point + axis.direction.into_inner() * 7.0;
+        assert!((axis.turn(1.2).apply(&on_axis) - on_axis).norm() < 1e-13);
+    }
+}

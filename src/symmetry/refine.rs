@@ -1,0 +1,210 @@
+//! Refinement of an axis: coarse to fine matching, then joint optimisation of the axis and the points.
+
+use nalgebra::{Matrix4, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::config::Residual;
+use crate::control::Control;
+use crate::error::Result;
+use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, residuals};
+use crate::symmetry::axis::Axis;
+use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::robust::{Huber, robust_sigma};
+use crate::symmetry::solver::{RobustProblem, minimize};
+use crate::symmetry::surface::{Gate, Surface};
+
+/// How an axis is refined.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefineParams {
+    /// Rotations used for the axis, at most.
+    pub max_turns: usize,
+    /// Rotations used for the joint optimisation, at most.
+    pub max_joint_turns: usize,
+    /// Last gate on the distance of a match [point spacings].
+    pub gate: f64,
+    /// Largest angle between the normals of a match [rad].
+    pub max_normal_angle: f64,
+    /// Width of Huber's loss [standard deviations of the residual].
+    pub huber_width: f64,
+    /// Rounds of matching, at most.
+    pub max_rounds: usize,
+    /// Motion of the axis below which a round counts as converged [point spacings at the rim].
+    pub tolerance: f64,
+    /// Weight of a point's own measurement against one match in the joint optimisation.
+    pub anchor: f64,
+}
+
+impl Default for RefineParams {
+    fn default() -> Self {
+        Self {
+            max_turns: 6,
+            max_joint_turns: 12,
+            gate: 2.0,
+            max_normal_angle: 0.6,
+            huber_width: 1.345,
+            max_rounds: 40,
+            tolerance: 1e-3,
+            anchor: 1.0,
+        }
+    }
+}
+
+/// An axis refined on a surface.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// The axis, held near the centroid of the surface.
+    pub axis: Axis,
+    /// Displacement of each point [length]; empty when the points were held fixed.
+    pub offsets: Vec<Vector3<f64>>,
+    /// Robust standard deviation of the residuals of the matches [length].
+    pub sigma: f64,
+    /// Share of rotated points that met the surface.
+    pub share: f64,
+    /// Rounds of matching.
+    pub rounds: usize,
+    /// Whether the last round moved less than the tolerance.
+    pub converged: bool,
+    /// J'WJ of the four axis parameters at the solution, for residuals of unit variance.
+    pub information: Matrix4<f64>,
+    /// Robust joint cost per match after each accepted round of the joint optimisation.
+    pub costs: Vec<f64>,
+}
+
+/// The gates of a coarse to fine schedule: from `first` to `last`, halving.
+fn gates(first: f64, last: f64) -> Vec<f64> {
+    let mut gates = vec![last];
+    while let Some(&widest) = gates.last()
+        && widest * 1.5 < first
+    {
+        gates.push((widest * 2.0).min(first));
+    }
+    gates.reverse();
+    gates
+}
+
+/// Largest motion of the rim between two axes, as an angle times a radius plus a shift [length].
+fn motion(from: &Axis, to: &Axis, radius: f64) -> f64 {
+    let centered = to.recentered(&from.point);
+    from.angle_to(to) * radius + (centered.point - from.point).norm()
+}
+
+/// Aligns the surface with its own rotated copies, moving only the axis.
+///
+/// `first_gate` is the distance [length] by which a rotated point may miss the surface at the start; the gate halves
+/// down to `params.gate` spacings.
+///
+/// # Errors
+/// When the work is cancelled.
+pub fn align(
+    surface: &Surface,
+    start: Axis,
+    turns: &Turns,
+    residual: Residual,
+    first_gate: f64,
+    params: &RefineParams,
+    control: &Control,
+) -> Result<Refined> {
+    let centroid = surface.centroid();
+    let radius = rim(surface, &centroid);
+    let mut axis = start.recentered(&centroid);
+    let mut refined = Refined {
+        axis,
+        offsets: Vec::new(),
+        sigma: 0.0,
+        share: 0.0,
+        rounds: 0,
+        converged: false,
+        information: Matrix4::zeros(),
+        costs: Vec::new(),
+    };
+    let schedule = gates(first_gate, params.gate * surface.spacing);
+    for (level, &distance) in schedule.iter().enumerate() {
+        let last = level + 1 == schedule.len();
+        let gate = Gate { distance, cosine: params.max_normal_angle.cos() };
+        let rounds = if last { params.max_rounds } else { 3 };
+        for _ in 0..rounds {
+            control.check()?;
+            let correspondences = Correspondences::find(surface, &axis, turns, gate);
+            let mut found = residuals(surface, &axis, turns, &correspondences, residual);
+            let sigma = robust_sigma(&mut found).max(1e-9 * radius);
+            let problem = SelfAlignment {
+                surface,
+                turns,
+                correspondences: &correspondences,
+                residual,
+                loss: Huber { width: params.huber_width * sigma },
+                anchor: params.anchor,
+                max_offset: 0.0,
+            };
+            let solved = minimize(problem, Unknowns { axis, offsets: Vec::new() }, 2)?;
+            let moved = solved.axis.recentered(&centroid);
+            let step = motion(&axis, &moved, radius);
+            axis = moved;
+            refined.rounds += 1;
+            refined.sigma = sigma;
+            refined.share = correspondences.share();
+            refined.converged = step < params.tolerance * surface.spacing;
+            if refined.converged || (!last && step < 0.05 * distance) {
+                break;
+            }
+        }
+    }
+    refined.axis = axis;
+    Ok(refined)
+}
+
+/// The paper's joint optimisation: axis and points together, from an aligned axis.
+///
+/// # Errors
+/// When the work is cancelled.
+pub fn refine_jointly(
+    surface: &Surface,
+    aligned: &Refined,
+    order: Order,
+    residual: Residual,
+    params: &RefineParams,
+    control: &Control,
+) -> Result<Refined> {
+    let centroid = surface.centroid();
+    let radius = rim(surface, &centroid);
+    let turns = Turns::all(order, params.max_joint_turns);
+    let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
+    let mut unknowns = Unknowns { axis: aligned.axis, offsets: vec![Vector3::zeros(); surface.len()] };
+    let mut refined = aligned.clone();
+    for _ in 0..3 {
+        control.check()?;
+        let correspondences = Correspondences::find(surface, &unknowns.axis, &turns, gate);
+        let mut found = residuals(surface, &unknowns.axis, &turns, &correspondences, residual);
+        let sigma = robust_sigma(&mut found).max(1e-9 * radius);
+        let problem = || SelfAlignment {
+            surface,
+            turns: &turns,
+            correspondences: &correspondences,
+            residual,
+            loss: Huber { width: params.huber_width * sigma },
+            anchor: params.anchor,
+            max_offset: surface.spacing,
+        };
+        let before = unknowns.axis;
+        unknowns = minimize(problem(), unknowns, 3)?;
+        unknowns.axis = unknowns.axis.recentered(&centroid);
+        let linear = problem().linearize(&unknowns)?;
+        refined.information = linear.hessian;
+        refined.costs.push(linear.cost / correspondences.count().max(1) as f64);
+        refined.sigma = sigma;
+        refined.share = correspondences.share();
+        if motion(&before, &unknowns.axis, radius) < params.tolerance * surface.spacing {
+            break;
+        }
+    }
+    refined.axis = unknowns.axis;
+    refined.offsets = unknowns.offsets;
+    Ok(refined)
+}
+
+/// Root mean square distance of the points from their centroid [length].
+fn rim(surface: &Surface, centroid: &Vector3<f64>) -> f64 {
+    let sum: f64 = surface.points.iter().map(|p| (p - centroid).norm_squared()).sum();
+    (sum / surface.len() as f64).sqrt()
+}
