@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 from zlib import crc32
 
 import numpy as np
@@ -13,9 +13,6 @@ from sympose.camera import View
 from sympose.datasets.depth_camera import DEPTH_CAMERA, LOW_RESOLUTION, render
 from sympose.datasets.parts import Part
 from sympose.scene import Scene
-
-if TYPE_CHECKING:
-    from trimesh import Trimesh
 
 __all__ = ["LABELS", "SCENARIOS", "Scan", "scan"]
 

@@ -7,22 +7,31 @@ are surfaces of revolution and parts without symmetry.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from typing import Literal
 
 import numpy as np
 
+from sympose.datasets.parts.impeller import IMPELLERS
 from sympose.datasets.parts.part import Part
+from sympose.datasets.parts.plain import ASYMMETRIC, CONTINUOUS
 from sympose.datasets.parts.propeller import PROPELLERS
+from sympose.datasets.parts.small_part import SMALL_PARTS
 from sympose.datasets.parts.solid import Solid, to_mesh
+from sympose.datasets.parts.wheel_hub import WHEEL_HUBS
 from sympose.datasets.visibility import sample_visible
 
 __all__ = ["Part", "names", "part"]
 
-_Catalogue = dict[str, tuple[int | Literal["continuous"] | None, Callable[[], Solid]]]
+_Order = int | Literal["continuous"] | None
 
-_FAMILIES: dict[str, _Catalogue] = {
+_FAMILIES: dict[str, dict[str, tuple[_Order, Callable[[], Solid]]]] = {
     "propeller": {**PROPELLERS},
+    "impeller": {**IMPELLERS},
+    "wheel_hub": {**WHEEL_HUBS},
+    "small_part": {**SMALL_PARTS},
+    "continuous": {name: ("continuous", build) for name, build in CONTINUOUS.items()},
+    "asymmetric": {name: (None, build) for name, build in ASYMMETRIC.items()},
 }
 _CYCLIC = ("propeller", "impeller", "wheel_hub", "small_part")
 _SAMPLES = 40_000
@@ -48,7 +57,7 @@ def names(kind: str | None = None) -> tuple[str, ...]:
     return tuple(name for family in kinds[kind] for name in _FAMILIES[family])
 
 
-@lru_cache(maxsize=None)
+@cache
 def part(name: str) -> Part:
     """Build a part; later calls return the same object.
 

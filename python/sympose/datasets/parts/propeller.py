@@ -82,6 +82,7 @@ def propeller_2() -> Solid:
         [34.0, 27.0, 19.0, 13.0, 9.0],
         camber=0.06,
         skew_deg=[0, 0, 0, 1, 3],
+        rake=[0, 0.002, 0.007, 0.017, 0.030],
     )
     hub = revolve([(0, -0.035), (0.056, -0.035), (0.056, 0.018), (0.046, 0.034), (0, 0.034)], facets)
     holes = cylinder(0.018, -0.1, 0.1, facets=facets) + cylinder(0.036, -0.1, -0.012, facets=facets)
