@@ -9,7 +9,7 @@ use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::order::Turns;
 use crate::symmetry::robust::Huber;
 use crate::symmetry::solver::{NormalEquations, RobustProblem};
-use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// Points in a unit of parallel work; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
@@ -27,16 +27,16 @@ pub struct Correspondences {
 impl Correspondences {
     /// Rotates every point by every turn and looks up its match; O(points x turns) queries, in parallel.
     #[must_use]
-    pub fn find(surface: &Surface, axis: &Axis, turns: &Turns, gate: Gate) -> Self {
+    pub fn find(surface: &Surface, samples: &Samples, axis: &Axis, turns: &Turns, gate: Gate) -> Self {
         let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
-        let mut matched = vec![NONE; surface.len() * moves.len()];
+        let mut matched = vec![NONE; samples.points.len() * moves.len()];
         if !moves.is_empty() {
             matched.par_chunks_mut(CHUNK * moves.len()).enumerate().for_each(|(chunk, rows)| {
                 for (offset, row) in rows.chunks_exact_mut(moves.len()).enumerate() {
                     let i = chunk * CHUNK + offset;
                     for (slot, turn) in row.iter_mut().zip(&moves) {
-                        let point = turn.apply(&surface.points[i]);
-                        let normal = turn.rotation * surface.normals[i];
+                        let point = turn.apply(&samples.points[i]);
+                        let normal = turn.rotation * samples.normals[i];
                         *slot = surface.matching(&point, &normal, gate).unwrap_or(NONE);
                     }
                 }
@@ -79,6 +79,8 @@ pub struct Unknowns {
 pub struct SelfAlignment<'a> {
     /// The measured surface.
     pub surface: &'a Surface,
+    /// The points that are rotated into it.
+    pub samples: &'a Samples,
     /// Rotations of the symmetry and their weights.
     pub turns: &'a Turns,
     /// Matches, fixed while solving.
@@ -128,7 +130,7 @@ impl SelfAlignment<'_> {
     fn block(&self, unknowns: &Unknowns, leverages: &[Leverage], i: usize) -> Block {
         let mut block = Block::default();
         let offset = self.offset(unknowns, i);
-        let point = self.surface.points[i] + offset;
+        let point = self.samples.points[i] + offset;
         let arm = point - unknowns.axis.point;
         let joint = !unknowns.offsets.is_empty();
         if joint {
@@ -139,8 +141,9 @@ impl SelfAlignment<'_> {
         for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
             let Some(j) = matched else { continue };
             let rotation = &leverage.turn.rotation;
-            let difference = leverage.turn.apply(&point) - self.surface.points[j];
-            let rows = self.residual.rows(&(rotation * self.surface.normals[i]), &self.surface.normals[j]);
+            let difference = leverage.turn.apply(&point) - self.surface.samples.points[j];
+            let rows =
+                self.residual.rows(&(rotation * self.samples.normals[i]), &self.surface.samples.normals[j]);
             let residual = rows.residual(&difference);
             let weight = leverage.weight * self.loss.weight(residual);
             block.axis.cost += leverage.weight * self.loss.cost(residual);
@@ -176,12 +179,12 @@ impl RobustProblem for SelfAlignment<'_> {
     fn linearize(&self, unknowns: &Unknowns) -> Result<NormalEquations> {
         let leverages = self.leverages(&unknowns.axis);
         let joint = !unknowns.offsets.is_empty();
-        let indices: Vec<usize> = (0..self.surface.len()).step_by(CHUNK).collect();
+        let indices: Vec<usize> = (0..self.samples.points.len()).step_by(CHUNK).collect();
         let parts: Vec<NormalEquations> = indices
             .par_iter()
             .map(|&start| {
                 let mut sum = NormalEquations::default();
-                for i in start..(start + CHUNK).min(self.surface.len()) {
+                for i in start..(start + CHUNK).min(self.samples.points.len()) {
                     let mut block = self.block(unknowns, &leverages, i);
                     if joint && let Some(inverse) = block.point_hessian.try_inverse() {
                         // Schur complement: the point is eliminated here and recovered in `step`.
@@ -202,20 +205,20 @@ impl RobustProblem for SelfAlignment<'_> {
 
     fn cost(&self, unknowns: &Unknowns) -> Result<f64> {
         let leverages = self.leverages(&unknowns.axis);
-        let indices: Vec<usize> = (0..self.surface.len()).step_by(CHUNK).collect();
+        let indices: Vec<usize> = (0..self.samples.points.len()).step_by(CHUNK).collect();
         let parts: Vec<f64> = indices
             .par_iter()
             .map(|&start| {
                 let mut sum = 0.0;
-                for i in start..(start + CHUNK).min(self.surface.len()) {
+                for i in start..(start + CHUNK).min(self.samples.points.len()) {
                     let offset = self.offset(unknowns, i);
-                    let point = self.surface.points[i] + offset;
+                    let point = self.samples.points[i] + offset;
                     sum += 0.5 * self.anchor * offset.norm_squared();
                     for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
                         let Some(j) = matched else { continue };
-                        let normal = leverage.turn.rotation * self.surface.normals[i];
-                        let rows = self.residual.rows(&normal, &self.surface.normals[j]);
-                        let difference = leverage.turn.apply(&point) - self.surface.points[j];
+                        let normal = leverage.turn.rotation * self.samples.normals[i];
+                        let rows = self.residual.rows(&normal, &self.surface.samples.normals[j]);
+                        let difference = leverage.turn.apply(&point) - self.surface.samples.points[j];
                         sum += leverage.weight * self.loss.cost(rows.residual(&difference));
                     }
                 }
@@ -249,13 +252,14 @@ impl RobustProblem for SelfAlignment<'_> {
 #[must_use]
 pub fn residuals(
     surface: &Surface,
+    samples: &Samples,
     axis: &Axis,
     turns: &Turns,
     correspondences: &Correspondences,
     residual: Residual,
 ) -> Vec<f64> {
     let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
-    let parts: Vec<Vec<f64>> = (0..surface.len())
+    let parts: Vec<Vec<f64>> = (0..samples.points.len())
         .collect::<Vec<_>>()
         .par_chunks(CHUNK)
         .map(|chunk| {
@@ -263,8 +267,9 @@ pub fn residuals(
             for &i in chunk {
                 for (turn, matched) in moves.iter().zip(correspondences.of(i)) {
                     let Some(j) = matched else { continue };
-                    let rows = residual.rows(&(turn.rotation * surface.normals[i]), &surface.normals[j]);
-                    found.push(rows.residual(&(turn.apply(&surface.points[i]) - surface.points[j])));
+                    let rows =
+                        residual.rows(&(turn.rotation * samples.normals[i]), &surface.samples.normals[j]);
+                    found.push(rows.residual(&(turn.apply(&samples.points[i]) - surface.samples.points[j])));
                 }
             }
             found

@@ -3,8 +3,11 @@
 pub mod alignment;
 pub mod axis;
 pub mod order;
+pub mod propose;
 pub mod refine;
 pub mod residual;
 pub mod robust;
+pub mod score;
 pub mod solver;
 pub mod surface;
+pub mod visibility;

@@ -11,7 +11,7 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::robust::{Huber, robust_sigma};
 use crate::symmetry::solver::{RobustProblem, minimize};
-use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// How an axis is refined.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -91,17 +91,19 @@ fn motion(from: &Axis, to: &Axis, radius: f64) -> f64 {
 
 /// Aligns the surface with its own rotated copies, moving only the axis.
 ///
-/// `first_gate` is the distance [length] by which a rotated point may miss the surface at the start; the gate halves
-/// down to `params.gate` spacings.
+/// `gates` are the distances [length] by which a rotated point may miss the surface, at the start and at the end; the
+/// gate halves from one to the other.
 ///
 /// # Errors
 /// When the work is cancelled.
+#[allow(clippy::too_many_arguments)]
 pub fn align(
     surface: &Surface,
+    samples: &Samples,
     start: Axis,
     turns: &Turns,
     residual: Residual,
-    first_gate: f64,
+    [first_gate, last_gate]: [f64; 2],
     params: &RefineParams,
     control: &Control,
 ) -> Result<Refined> {
@@ -118,18 +120,19 @@ pub fn align(
         information: Matrix4::zeros(),
         costs: Vec::new(),
     };
-    let schedule = gates(first_gate, params.gate * surface.spacing);
+    let schedule = gates(first_gate, last_gate);
     for (level, &distance) in schedule.iter().enumerate() {
         let last = level + 1 == schedule.len();
         let gate = Gate { distance, cosine: params.max_normal_angle.cos() };
         let rounds = if last { params.max_rounds } else { 3 };
         for _ in 0..rounds {
             control.check()?;
-            let correspondences = Correspondences::find(surface, &axis, turns, gate);
-            let mut found = residuals(surface, &axis, turns, &correspondences, residual);
+            let correspondences = Correspondences::find(surface, samples, &axis, turns, gate);
+            let mut found = residuals(surface, samples, &axis, turns, &correspondences, residual);
             let sigma = robust_sigma(&mut found).max(1e-9 * radius);
             let problem = SelfAlignment {
                 surface,
+                samples,
                 turns,
                 correspondences: &correspondences,
                 residual,
@@ -174,11 +177,13 @@ pub fn refine_jointly(
     let mut refined = aligned.clone();
     for _ in 0..3 {
         control.check()?;
-        let correspondences = Correspondences::find(surface, &unknowns.axis, &turns, gate);
-        let mut found = residuals(surface, &unknowns.axis, &turns, &correspondences, residual);
+        let correspondences = Correspondences::find(surface, &surface.samples, &unknowns.axis, &turns, gate);
+        let mut found =
+            residuals(surface, &surface.samples, &unknowns.axis, &turns, &correspondences, residual);
         let sigma = robust_sigma(&mut found).max(1e-9 * radius);
         let problem = || SelfAlignment {
             surface,
+            samples: &surface.samples,
             turns: &turns,
             correspondences: &correspondences,
             residual,
@@ -205,6 +210,6 @@ pub fn refine_jointly(
 
 /// Root mean square distance of the points from their centroid [length].
 fn rim(surface: &Surface, centroid: &Vector3<f64>) -> f64 {
-    let sum: f64 = surface.points.iter().map(|p| (p - centroid).norm_squared()).sum();
+    let sum: f64 = surface.samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
     (sum / surface.len() as f64).sqrt()
 }

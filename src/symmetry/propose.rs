@@ -1,0 +1,187 @@
+//! Where the axis may be: many starting directions, each aligned on a few points, scored, and the best ones kept.
+
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::config::Residual;
+use crate::control::Control;
+use crate::error::Result;
+use crate::symmetry::axis::Axis;
+use crate::symmetry::order::Turns;
+use crate::symmetry::refine::{RefineParams, Refined, align};
+use crate::symmetry::score::{MatchScore, match_score};
+use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::visibility::Visibility;
+
+/// How axes are proposed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProposeParams {
+    /// Search all directions; otherwise only the paper's start is used: plane normal and centroid.
+    pub search: bool,
+    /// Starting directions, spread over the half sphere.
+    pub directions: usize,
+    /// Points on which a starting direction is aligned and scored.
+    pub samples: usize,
+    /// Distinct axes that are aligned again on more points.
+    pub kept: usize,
+    /// Points on which these are aligned and scored.
+    pub kept_samples: usize,
+    /// Rotations used, at most.
+    pub max_turns: usize,
+    /// First gate on the distance of a match [diameters].
+    pub gate: f64,
+    /// Axes closer than this [rad] are the same.
+    pub distinct_angle: f64,
+    /// Largest angle from the hint of the user [rad].
+    pub max_hint_angle: f64,
+}
+
+impl Default for ProposeParams {
+    fn default() -> Self {
+        Self {
+            search: true,
+            directions: 60,
+            samples: 400,
+            kept: 8,
+            kept_samples: 2000,
+            max_turns: 4,
+            gate: 0.12,
+            distinct_angle: 0.1,
+            max_hint_angle: 30f64.to_radians(),
+        }
+    }
+}
+
+/// A proposed axis with what speaks for it.
+#[derive(Debug, Clone)]
+pub struct Proposal {
+    /// The axis, held near the centroid.
+    pub axis: Axis,
+    /// How well the rotated surface meets itself.
+    pub score: MatchScore,
+}
+
+/// The paper's initial axis: normal of the total least-squares plane, through the centroid.
+#[must_use]
+pub fn plane_fit(surface: &Surface) -> Option<Axis> {
+    principal_axes(surface)?.into_iter().next()
+}
+
+/// The three principal axes through the centroid, flattest first.
+fn principal_axes(surface: &Surface) -> Option<Vec<Axis>> {
+    let centroid = surface.centroid();
+    let covariance: Matrix3<f64> = surface.samples.points.iter().fold(Matrix3::zeros(), |sum, p| {
+        let d = p - centroid;
+        sum + d * d.transpose()
+    });
+    let eigen = SymmetricEigen::try_new(covariance, f64::EPSILON, 100)?;
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+    order.iter().map(|&i| Axis::new(eigen.eigenvectors.column(i).into(), centroid)).collect()
+}
+
+/// `count` unit vectors spread evenly over the half sphere (Fibonacci lattice).
+fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..count).map(move |i| {
+        let z = (i as f64 + 0.5) / count as f64;
+        let radius = (1.0 - z * z).sqrt();
+        let (sin, cos) = (golden * i as f64).sin_cos();
+        Vector3::new(radius * cos, radius * sin, z)
+    })
+}
+
+/// Axes of `surface` under the rotations `turns`, best first.
+///
+/// `diameter` is the size of the part [length]; `hints` are further directions worth a try (the support plane's
+/// normal), `within` a direction that the axis must stay near.
+///
+/// # Errors
+/// When the work is cancelled.
+#[allow(clippy::too_many_arguments)]
+pub fn propose(
+    surface: &Surface,
+    turns: &Turns,
+    diameter: f64,
+    hints: &[Vector3<f64>],
+    within: Option<Vector3<f64>>,
+    visibility: Option<&Visibility>,
+    params: &ProposeParams,
+    control: &Control,
+) -> Result<Vec<Proposal>> {
+    let centroid = surface.centroid();
+    let admitted = |axis: &Axis| {
+        let near_hint = within
+            .and_then(|hint| Axis::new(hint, centroid))
+            .is_none_or(|hint| axis.angle_to(&hint) <= params.max_hint_angle);
+        near_hint && axis.distance(&centroid) < 0.5 * diameter
+    };
+    let mut starts: Vec<Axis> = if params.search {
+        principal_axes(surface).unwrap_or_default()
+    } else {
+        plane_fit(surface).into_iter().collect()
+    };
+    if params.search {
+        starts.extend(hints.iter().chain(&within).filter_map(|hint| Axis::new(*hint, centroid)));
+        starts.extend(half_sphere(params.directions).filter_map(|d| Axis::new(d, centroid)));
+    }
+    starts.retain(admitted);
+
+    let gates = [params.gate * diameter, (0.25 * params.gate * diameter).max(2.0 * surface.spacing)];
+    let coarse = surface.samples.strided(params.samples);
+    let first = trial(surface, &coarse, turns, gates, 2, visibility, &starts, control)?;
+    let kept = distinct(first, params.kept, params.distinct_angle, &admitted);
+
+    let gates = [gates[1], 3.0 * surface.spacing];
+    let fine = surface.samples.strided(params.kept_samples);
+    let starts: Vec<Axis> = kept.iter().map(|p| p.axis).collect();
+    let second = trial(surface, &fine, turns, gates, 4, visibility, &starts, control)?;
+    Ok(distinct(second, params.kept, 0.3 * params.distinct_angle, &admitted))
+}
+
+/// Aligns and scores each start on `samples`.
+#[allow(clippy::too_many_arguments)]
+fn trial(
+    surface: &Surface,
+    samples: &Samples,
+    turns: &Turns,
+    gates: [f64; 2],
+    rounds: usize,
+    visibility: Option<&Visibility>,
+    starts: &[Axis],
+    control: &Control,
+) -> Result<Vec<Proposal>> {
+    let refine = RefineParams { max_rounds: rounds, max_normal_angle: 0.8, ..RefineParams::default() };
+    let gate = Gate { distance: gates[1], cosine: refine.max_normal_angle.cos() };
+    starts
+        .par_iter()
+        .map(|start| {
+            let Refined { axis, .. } =
+                align(surface, samples, *start, turns, Residual::PointToPlane, gates, &refine, control)?;
+            Ok(Proposal { axis, score: match_score(surface, samples, &axis, turns, gate, visibility) })
+        })
+        .collect()
+}
+
+/// The best `count` proposals that differ from every better one.
+fn distinct(
+    mut proposals: Vec<Proposal>,
+    count: usize,
+    angle: f64,
+    admitted: &impl Fn(&Axis) -> bool,
+) -> Vec<Proposal> {
+    proposals.retain(|p| admitted(&p.axis) && p.score.value().is_finite());
+    proposals.sort_by(|a, b| b.score.value().total_cmp(&a.score.value()));
+    let mut kept: Vec<Proposal> = Vec::new();
+    for proposal in proposals {
+        if kept.len() == count {
+            break;
+        }
+        if kept.iter().all(|k| k.axis.angle_to(&proposal.axis) > angle) {
+            kept.push(proposal);
+        }
+    }
+    kept
+}

@@ -1,0 +1,157 @@
+//! Free space: what the cameras saw to be empty.
+//!
+//! A ray proves that space is free only up to the point that it measured; a direction without a return proves nothing.
+
+use std::collections::HashMap;
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use rayon::prelude::*;
+
+/// Views beyond this number add little evidence and cost time; the ones with most points are kept.
+const MAX_VIEWS: usize = 16;
+
+/// Cells along one side of a depth map, at most.
+const MAX_CELLS: usize = 512;
+
+/// Directions more than this far from the middle of a view [rad] are left out of its map.
+const MAX_OFF_AXIS: f64 = 1.2;
+
+/// What a set of depth maps says about a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Seen {
+    /// At least one camera measured something behind it.
+    Free,
+    /// No camera can tell.
+    Unknown,
+}
+
+/// Depth maps of the views, rebuilt from the points and their viewpoints.
+#[derive(Debug, Clone)]
+pub struct Visibility {
+    views: Vec<DepthMap>,
+}
+
+impl Visibility {
+    /// Bins the points of each view by direction. Points without a viewpoint are skipped; `None` when there is none.
+    #[must_use]
+    pub fn new(
+        points: &[Vector3<f64>],
+        viewpoint_of: impl Fn(usize) -> Option<Vector3<f64>> + Sync,
+    ) -> Option<Self> {
+        let mut view_of_key: HashMap<[u64; 3], usize> = HashMap::new();
+        let mut members: Vec<(Vector3<f64>, Vec<u32>)> = Vec::new();
+        let mut last: Option<(Vector3<f64>, usize)> = None;
+        for i in 0..points.len() {
+            let Some(viewpoint) = viewpoint_of(i) else { continue };
+            let view = match last {
+                Some((known, view)) if known == viewpoint => view,
+                _ => {
+                    let key = [viewpoint.x.to_bits(), viewpoint.y.to_bits(), viewpoint.z.to_bits()];
+                    *view_of_key.entry(key).or_insert_with(|| {
+                        members.push((viewpoint, Vec::new()));
+                        members.len() - 1
+                    })
+                }
+            };
+            last = Some((viewpoint, view));
+            members[view].1.push(i as u32);
+        }
+        members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
+        members.truncate(MAX_VIEWS);
+        let views: Vec<DepthMap> = members
+            .par_iter()
+            .filter_map(|(center, indices)| DepthMap::new(center, points, indices))
+            .collect();
+        (!views.is_empty()).then_some(Self { views })
+    }
+
+    /// Whether some camera saw through `point`: everything it measured there lies more than `margin` [length] behind.
+    #[must_use]
+    pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
+        if self.views.iter().any(|view| view.sees_through(point, margin)) {
+            Seen::Free
+        } else {
+            Seen::Unknown
+        }
+    }
+}
+
+/// Nearest range for each cell of a tangent-plane grid about a camera.
+#[derive(Debug, Clone)]
+struct DepthMap {
+    center: Vector3<f64>,
+    camera_from_world: Matrix3<f64>,
+    lower: [f64; 2],
+    cell: f64,
+    size: [usize; 2],
+    nearest: Vec<f32>,
+}
+
+impl DepthMap {
+    fn new(center: &Vector3<f64>, points: &[Vector3<f64>], indices: &[u32]) -> Option<Self> {
+        let middle: Vector3<f64> =
+            indices.iter().filter_map(|&i| (points[i as usize] - center).try_normalize(0.0)).sum();
+        let toward = middle.try_normalize(1e-9)?;
+        let up = Vector3::ith(toward.iamin(), 1.0);
+        let camera_from_world = Rotation3::look_at_lh(&toward, &up).into_inner();
+        let limit = MAX_OFF_AXIS.tan();
+        let project = |point: &Vector3<f64>| -> Option<([f64; 2], f64)> {
+            let local = camera_from_world * (point - center);
+            if local.z <= 0.0 {
+                return None;
+            }
+            let uv = [local.x / local.z, local.y / local.z];
+            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm()))
+        };
+        let mut lower = [f64::INFINITY; 2];
+        let mut upper = [f64::NEG_INFINITY; 2];
+        let mut projected = Vec::with_capacity(indices.len());
+        for &i in indices {
+            let Some((uv, range)) = project(&points[i as usize]) else { continue };
+            for axis in 0..2 {
+                lower[axis] = lower[axis].min(uv[axis]);
+                upper[axis] = upper[axis].max(uv[axis]);
+            }
+            projected.push((uv, range));
+        }
+        let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
+        if projected.len() < 16 || extent <= 0.0 {
+            return None;
+        }
+        // About four points a cell if the view were filled, so that a cell without return is a true gap.
+        let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected.len() as f64).sqrt());
+        let size = [0, 1].map(|axis| ((upper[axis] - lower[axis]) / cell) as usize + 1);
+        let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
+        for (uv, range) in &projected {
+            let [column, row] = [0, 1].map(|axis| ((uv[axis] - lower[axis]) / cell) as usize);
+            let slot = &mut nearest[row * size[0] + column];
+            *slot = slot.min(*range as f32);
+        }
+        Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
+    }
+
+    fn sees_through(&self, point: &Vector3<f64>, margin: f64) -> bool {
+        let local = self.camera_from_world * (point - self.center);
+        if local.z <= 0.0 {
+            return false;
+        }
+        let column = ((local.x / local.z - self.lower[0]) / self.cell).floor();
+        let row = ((local.y / local.z - self.lower[1]) / self.cell).floor();
+        let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
+        if !inside(column, self.size[0]) || !inside(row, self.size[1]) {
+            return false;
+        }
+        let (column, row) = (column as usize, row as usize);
+        if self.nearest[row * self.size[0] + column].is_infinite() {
+            return false;
+        }
+        // The neighbouring cells too: at an edge the ray may have passed beside the surface.
+        let mut nearest = f32::INFINITY;
+        for r in row.saturating_sub(1)..(row + 2).min(self.size[1]) {
+            for c in column.saturating_sub(1)..(column + 2).min(self.size[0]) {
+                nearest = nearest.min(self.nearest[r * self.size[0] + c]);
+            }
+        }
+        f64::from(nearest) > local.norm() + margin
+    }
+}
