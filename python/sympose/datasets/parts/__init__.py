@@ -1,31 +1,26 @@
 """Procedural parts in the four classes of the paper, each with its exact symmetry.
 
-The parts are closed meshes of diameter 1 whose axis is +z through the origin. Besides the 14 cyclic parts there
-are surfaces of revolution and parts without symmetry.
+The parts are closed meshes of diameter 1 whose axis is +z through the origin. Besides the 14 cyclic parts
+there are surfaces of revolution and parts without symmetry.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Literal
-
-import numpy as np
 
 from sympose.datasets.parts.impeller import IMPELLERS
-from sympose.datasets.parts.part import Part
+from sympose.datasets.parts.part import Order, Part
 from sympose.datasets.parts.plain import ASYMMETRIC, CONTINUOUS
 from sympose.datasets.parts.propeller import PROPELLERS
 from sympose.datasets.parts.small_part import SMALL_PARTS
 from sympose.datasets.parts.solid import Solid, to_mesh
 from sympose.datasets.parts.wheel_hub import WHEEL_HUBS
-from sympose.datasets.visibility import sample_visible
+from sympose.errors import InvalidInputError
 
 __all__ = ["Part", "names", "part"]
 
-_Order = int | Literal["continuous"] | None
-
-_FAMILIES: dict[str, dict[str, tuple[_Order, Callable[[], Solid]]]] = {
+_FAMILIES: dict[str, dict[str, tuple[Order, Callable[[], Solid]]]] = {
     "propeller": {**PROPELLERS},
     "impeller": {**IMPELLERS},
     "wheel_hub": {**WHEEL_HUBS},
@@ -34,7 +29,6 @@ _FAMILIES: dict[str, dict[str, tuple[_Order, Callable[[], Solid]]]] = {
     "asymmetric": {name: (None, build) for name, build in ASYMMETRIC.items()},
 }
 _CYCLIC = ("propeller", "impeller", "wheel_hub", "small_part")
-_SAMPLES = 40_000
 
 
 def names(kind: str | None = None) -> tuple[str, ...]:
@@ -45,15 +39,16 @@ def names(kind: str | None = None) -> tuple[str, ...]:
             "cyclic" for the 14 parts of the first four; all 20 where it is not given.
 
     Raises:
-        ValueError: There is no such kind.
+        InvalidInputError: There is no such kind.
 
     Example:
         >>> names("propeller")
         ('propeller_2', 'propeller_3', 'propeller_4', 'propeller_5')
     """
-    kinds = {None: tuple(_FAMILIES), "cyclic": _CYCLIC, **{family: (family,) for family in _FAMILIES}}
+    kinds: dict[str | None, tuple[str, ...]] = {None: tuple(_FAMILIES), "cyclic": _CYCLIC}
+    kinds.update({family: (family,) for family in _FAMILIES})
     if kind not in kinds:
-        raise ValueError(f"kind must be one of {[k for k in kinds if k]} or None, got {kind!r}")
+        raise InvalidInputError(f"kind must be one of {[k for k in kinds if k]} or None, got {kind!r}")
     return tuple(name for family in kinds[kind] for name in _FAMILIES[family])
 
 
@@ -62,7 +57,7 @@ def part(name: str) -> Part:
     """Build a part; later calls return the same object.
 
     Raises:
-        ValueError: There is no part of that name.
+        InvalidInputError: There is no part of that name.
         ImportError: manifold3d, trimesh or embreex is not installed.
 
     Example:
@@ -73,8 +68,5 @@ def part(name: str) -> Part:
     for family, catalogue in _FAMILIES.items():
         if name in catalogue:
             order, build = catalogue[name]
-            mesh = to_mesh(build())
-            seen, _ = sample_visible(mesh, _SAMPLES)
-            center = np.array([0.0, 0.0, seen[:, 2].mean()])
-            return Part(name, family, order, mesh, np.array([0.0, 0.0, 1.0]), center)
-    raise ValueError(f"there is no part {name!r}; there are {', '.join(names())}")
+            return Part.from_mesh(to_mesh(build()), name, family=family, order=order)
+    raise InvalidInputError(f"there is no part {name!r}; there are {', '.join(names())}")

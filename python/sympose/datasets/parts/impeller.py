@@ -67,17 +67,17 @@ def _meridional_blade(
 
 
 def impeller_5() -> Solid:
-    """Open pump impeller: five backward-curved vanes, lower toward the rim, on a plate with a nut and a bore."""
+    """Open pump impeller: five backward-curved vanes, lower toward the rim, on a plate with a nose."""
     facets = segments(5)
     vane = prism(outline(_spiral_vane(0.13, 0.52, 105.0, (0.034, 0.026))), -0.01, 0.4)
     below_shroud = revolve(
-        np.concatenate([[(0, -0.02), (0.5, -0.02)], [(0.5, 0.075)], [(0.40, 0.10), (0.28, 0.15), (0.20, 0.21)],
-                        [(0.17, 0.25), (0, 0.25)]]),
+        [(0, -0.02), (0.5, -0.02), (0.5, 0.075), (0.40, 0.10), (0.28, 0.15), (0.20, 0.21), (0.17, 0.25),
+         (0, 0.25)],
         facets,
     )  # fmt: skip
     plate = revolve(
-        [(0, -0.035), (0.5, -0.035), (0.5, -0.008), (0.30, 0.008), (0.19, 0.035), (0.135, 0.09), (0.105, 0.16),
-         (0.085, 0.195), (0.070, 0.205), (0, 0.205)],
+        [(0, -0.035), (0.5, -0.035), (0.5, -0.008), (0.30, 0.008), (0.19, 0.035), (0.135, 0.09),
+         (0.105, 0.16), (0.085, 0.195), (0.070, 0.205), (0, 0.205)],
         facets,
     )  # fmt: skip
     boss = cylinder(0.12, -0.10, 0.0, facets=facets)
@@ -112,7 +112,7 @@ def impeller_7() -> Solid:
 
 
 def impeller_9() -> Solid:
-    """Blower wheel: nine forward-curved vanes between a back plate with a cone and a ring around the inlet."""
+    """Blower wheel: nine forward-curved vanes between a coned back plate and a ring around the inlet."""
     facets = segments(9)
     vane = prism(outline(_spiral_vane(0.27, 0.485, -42.0, (0.020, 0.016), count=16)), 0.0, 0.29)
     plate = revolve(

@@ -1,13 +1,12 @@
 """Solids from profiles, outlines and sections: the few operations all parts are made of.
 
-Solids are `manifold3d.Manifold`, closed by construction, with +z as the axis. Angles are in degrees here, as in
-manifold3d. The number of segments of a circle must be a multiple of the order of the part, or the facets break
-the symmetry; `segments` takes care of it.
+Solids are `manifold3d.Manifold`, closed by construction, with +z as the axis. Angles are in degrees here, as
+in manifold3d. The number of segments of a circle must be a multiple of the order of the part, or the facets
+break the symmetry; `segments` takes care of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import reduce
 from operator import add
 from typing import TYPE_CHECKING, Any
@@ -107,8 +106,8 @@ def airfoil(chord: float, thickness: float, camber: float, count: int = 12) -> N
     return np.concatenate([lower, upper[:0:-1]])
 
 
-def loft(sections: Sequence[ArrayLike]) -> Solid:
-    """The solid through `sections`, loops of M points each, (M, 3).
+def loft(sections: ArrayLike) -> Solid:
+    """The solid through `sections`, (K, M, 3): K loops of M points each.
 
     The ends are closed by a zigzag from the first point of the loop to the opposite one, which suits thin,
     cambered sections as well as convex ones.
@@ -147,11 +146,10 @@ def copies(solid: Solid, order: int, phase_deg: float = 0.0) -> Solid:
 
 
 def to_mesh(solid: Solid) -> Trimesh:
-    """The surface of `solid`, scaled to diameter 1: the distance of its two farthest points."""
-    trimesh = load("trimesh")
+    """The surface of `solid`."""
     raw = solid.to_mesh64()
     vertices = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3]
-    corners = np.asarray(trimesh.convex.convex_hull(vertices).vertices)
-    diameter_sq = max(float(((corners - corner) ** 2).sum(axis=1).max()) for corner in corners)
-    faces = np.asarray(raw.tri_verts, dtype=np.int64)
-    return trimesh.Trimesh(vertices / np.sqrt(diameter_sq), faces, process=False)
+    mesh: Trimesh = load("trimesh").Trimesh(
+        vertices, np.asarray(raw.tri_verts, dtype=np.int64), process=False
+    )
+    return mesh

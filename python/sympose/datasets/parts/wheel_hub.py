@@ -37,7 +37,7 @@ def _window(
 
 
 def wheel_hub_5() -> Solid:
-    """Car rim: five dished spokes near the outer face, a drop-centre barrel, five bolt holes, a centre bore."""
+    """Car rim: five dished spokes near the outer face, a drop-centre barrel, five bolt holes and a bore."""
     facets = segments(5)
     barrel = revolve(
         [(0.500, -0.200), (0.500, -0.182), (0.462, -0.172), (0.445, -0.100), (0.400, -0.070), (0.400, 0.030),
@@ -46,8 +46,8 @@ def wheel_hub_5() -> Solid:
         facets,
     )  # fmt: skip
     face = revolve(
-        [(0, 0.015), (0.15, 0.015), (0.27, 0.060), (0.42, 0.068), (0.435, 0.108), (0.32, 0.118), (0.20, 0.098),
-         (0.155, 0.070), (0.065, 0.070), (0.065, 0.055), (0, 0.055)],
+        [(0, 0.015), (0.15, 0.015), (0.27, 0.060), (0.42, 0.068), (0.435, 0.108), (0.32, 0.118),
+         (0.20, 0.098), (0.155, 0.070), (0.065, 0.070), (0.065, 0.055), (0, 0.055)],
         facets,
     )  # fmt: skip
     window = prism(rounded(outline(_window(0.165, 0.385, 0.085, 0.105, 5)), 0.025), -0.3, 0.3)
@@ -76,7 +76,7 @@ def wheel_hub_6() -> Solid:
 
 
 def wheel_hub_10() -> Solid:
-    """Truck hub: a flange with ten studs, ten gussets between them, a stepped bearing boss and a hollow back."""
+    """Truck hub: a flange with ten studs, ten gussets between them, a stepped boss and a hollow back."""
     facets = segments(10)
     flange = revolve([(0, 0.0), (0.49, 0.0), (0.5, 0.012), (0.5, 0.045), (0.49, 0.057), (0, 0.057)], facets)
     boss = revolve(
