@@ -6,6 +6,8 @@ pub mod config;
 pub mod control;
 pub mod error;
 pub mod estimate;
+#[cfg(feature = "io")]
+pub mod io;
 pub mod spatial;
 pub mod symmetry;
 pub use cloud::PointCloud;
