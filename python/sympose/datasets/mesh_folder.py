@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 
 from sympose.datasets.optional import load
-from sympose.datasets.parts.part import Order, Part
+from sympose.datasets.parts.part import Order, Part, diameter
+from sympose.datasets.visibility import visible_centroid
 from sympose.errors import InvalidInputError
 
 __all__ = ["load_mesh_folder"]
+
+_DIAMETER_TOLERANCE = 0.01
 
 
 def load_mesh_folder(folder: str | Path) -> tuple[Part, ...]:
@@ -58,14 +61,21 @@ def _read_part(folder: Path, entry: dict[str, Any]) -> Part:
     except Exception as error:  # trimesh lets whatever its readers raise through
         raise InvalidInputError(f"{path} is not a mesh that can be read: {error}") from error
 
-    order: Order = {0: "continuous", 1: None}.get(entry["order"], entry["order"])
+    size = diameter(mesh)
+    if not abs(size - 1.0) < _DIAMETER_TOLERANCE:
+        raise InvalidInputError(f"{path} has diameter {size:g}; scale it to 1, the unit of the scenarios")
+    number = entry["order"]
+    if not isinstance(number, int) or isinstance(number, bool) or number < 0:
+        raise InvalidInputError(
+            f"order of {entry['name']!r} must be n >= 2, 0 (continuous) or 1 (none), got {number!r}"
+        )
+    order: Order = {0: "continuous", 1: None}.get(number, number)
     axis = _vector(entry, "axis_fit", (0.0, 0.0, 1.0))
     axis /= np.linalg.norm(axis)
     point = _vector(entry, "axis_point_fit", (0.0, 0.0, 0.0))
     height = entry.get("visible_centroid_z")
     if height is None:
-        measured = Part.from_mesh(mesh)
-        height = measured.center[2] * mesh.scale / measured.mesh.scale
+        height = visible_centroid(mesh)[2]
     center = point + (height - point[2]) / axis[2] * axis
     return Part(entry["name"], entry["class"], order, mesh, axis, center, bool(entry.get("dihedral", False)))
 

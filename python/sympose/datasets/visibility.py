@@ -12,7 +12,7 @@ from sympose.datasets.depth_camera import cast
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
-__all__ = ["sample_visible", "sphere_directions"]
+__all__ = ["sample_visible", "sphere_directions", "visible_centroid"]
 
 _CAMERA_DISTANCE = 2.2  # diameters
 _TOLERANCE = 2e-4  # diameters; a sample this close behind the first hit is the first hit
@@ -49,6 +49,27 @@ def sample_visible(
         >>> points.shape
         (1000, 3)
     """
+    points, normals, visible = _sample(mesh, count, seed, directions)
+    return points[visible], normals[visible]
+
+
+def visible_centroid(mesh: Trimesh, *, samples: int = 20_000) -> NDArray[np.float64]:
+    """(3,) area centroid of the surface that cameras can see; that of all of it where they see nothing.
+
+    The centroid of the whole is exact, and what is hidden, mostly little, is taken off by sampling.
+    """
+    whole = np.asarray(mesh.area_faces @ mesh.triangles_center / mesh.area)
+    points, _, visible = _sample(mesh, samples, 0, 200)
+    share = visible.mean()
+    if share in (0.0, 1.0):
+        return whole
+    return np.asarray((whole - (1.0 - share) * points[~visible].mean(axis=0)) / share)
+
+
+def _sample(
+    mesh: Trimesh, count: int, seed: int, directions: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Points and normals evenly over the whole surface, and which of them some camera sees."""
     rng = np.random.default_rng(seed)
     corners = np.asarray(mesh.triangles)
     area = np.cumsum(mesh.area_faces)
@@ -78,4 +99,4 @@ def sample_visible(
             break
     visible = np.ones(count, dtype=bool)
     visible[hidden] = False
-    return points[visible], normals[visible]
+    return points, normals, visible

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sympose.datasets.optional import load
-from sympose.datasets.visibility import sample_visible
+from sympose.datasets.visibility import visible_centroid
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 __all__ = ["Order", "Part", "diameter"]
 
 Order = int | Literal["continuous"] | None
-
-_SAMPLES = 40_000  # stratified: the centroid is good to about 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +57,7 @@ class Part:
         """
         scaled = mesh.copy()
         scaled.vertices = mesh.vertices / diameter(mesh)
-        seen, _ = sample_visible(scaled, _SAMPLES)
-        center = np.array([0.0, 0.0, seen[:, 2].mean() if len(seen) else 0.0])
+        center = np.array([0.0, 0.0, visible_centroid(scaled)[2]])
         return cls(name, family, order, scaled, np.array([0.0, 0.0, 1.0]), center)
 
 
