@@ -8,6 +8,7 @@ pub mod error;
 pub mod estimate;
 #[cfg(feature = "io")]
 pub mod io;
+pub mod preprocess;
 pub mod schema;
 pub mod spatial;
 pub mod symmetry;

@@ -92,6 +92,27 @@ impl KdTree {
         found.into_iter().map(|n| Neighbor { index: n.item, distance_sq: n.distance }).collect()
     }
 
+    /// The nearest point that does not coincide with the query, if there is one.
+    #[must_use]
+    pub fn nearest_distinct(&self, query: &[f64; 3]) -> Option<Neighbor> {
+        let mut k = 2;
+        loop {
+            let found = self.k_nearest(query, k);
+            let distinct = found.iter().find(|n| n.distance_sq > 0.0).copied();
+            if distinct.is_some() || k >= self.len {
+                return distinct;
+            }
+            k = (4 * k).min(self.len);
+        }
+    }
+
+    /// Number of points within `radius` (inclusive), but counting no further than `limit`.
+    #[must_use]
+    pub fn count_within(&self, query: &[f64; 3], radius: f64, limit: usize) -> usize {
+        let Some(limit) = NonZero::new(limit.min(self.len)) else { return 0 };
+        self.tree.query(query).nearest_n::<Metric>(limit).within(radius * radius).unsorted().execute().len()
+    }
+
     /// All points within `radius` (inclusive), in ascending order of index.
     #[must_use]
     pub fn within(&self, query: &[f64; 3], radius: f64) -> Vec<Neighbor> {

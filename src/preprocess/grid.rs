@@ -1,0 +1,227 @@
+//! The occupied cells of a uniform grid, numbered in Morton order without sorting.
+//!
+//! The three indices of a cell are interleaved to one Morton key. The keys that occur are marked in a bitmap, and the
+//! number of a cell is its rank among the marked bits: the order of the keys, although nothing is sorted. When the
+//! key space is too large for one bitmap, the leading bits are replaced by their rank and the next bits follow, so
+//! that every bitmap stays at a few bytes a point.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::{CHUNK, bounds, check_finite};
+use crate::config::positive;
+use crate::error::{Error, Result};
+
+/// Bits of a cell index along one axis: three of them fit a 64-bit key.
+const AXIS_BITS: u32 = 21;
+
+/// A grid over the bounding box of a cloud, its origin the lower corner of the box minus half a cell.
+pub(crate) struct Grid {
+    origin: [f64; 3],
+    size: f64,
+    cells_per_axis: [i64; 3],
+    interleave: Interleave,
+    levels: Vec<Level>,
+    /// Number of occupied cells.
+    pub(crate) len: usize,
+    /// For each point its cell; cells are numbered in Morton order.
+    pub(crate) cell_of: Vec<u32>,
+}
+
+impl Grid {
+    /// Assigns every point to its cell; `name` is the parameter that `size` came from.
+    pub(crate) fn new(points: &[[f64; 3]], size: f64, name: &'static str) -> Result<Self> {
+        positive(name, size)?;
+        check_finite(points)?;
+        let [lower, upper] = if points.is_empty() { [[0.0; 3]; 2] } else { bounds(points) };
+        let origin: [f64; 3] = std::array::from_fn(|axis| lower[axis] - 0.5 * size);
+        let extent = (0..3).map(|axis| upper[axis] - origin[axis]).fold(0.0, f64::max);
+        let most = f64::from(1 << AXIS_BITS);
+        // (An extent that overflows to infinity is refused as well.)
+        if extent / size >= most {
+            return Err(Error::InvalidParameter {
+                name,
+                value: format!(
+                    "{size} (a cloud of extent {extent} needs at least {})",
+                    1.000_001 * extent / most
+                ),
+                expected: "fewer than 2^21 cells along each axis; enlarge it, or remove far outliers first",
+            });
+        }
+        let cells_per_axis = std::array::from_fn(|axis| ((upper[axis] - origin[axis]) / size) as i64 + 1);
+        let interleave = Interleave::new(cells_per_axis);
+        let mut grid = Self {
+            origin,
+            size,
+            cells_per_axis,
+            interleave,
+            levels: Vec::new(),
+            len: usize::from(!points.is_empty()),
+            cell_of: vec![0; points.len()],
+        };
+        let keys: Vec<u64> =
+            points.par_iter().with_min_len(CHUNK).map(|p| grid.interleave.key(grid.indices(p))).collect();
+        grid.number(&keys);
+        Ok(grid)
+    }
+
+    /// Indices of the cell of a point inside the bounding box.
+    pub(crate) fn indices(&self, point: &[f64; 3]) -> [i64; 3] {
+        // The origin lies below every point, so truncation is the floor.
+        std::array::from_fn(|axis| ((point[axis] - self.origin[axis]) / self.size) as i64)
+    }
+
+    /// Number of the cell with these indices, if it is occupied.
+    pub(crate) fn find(&self, indices: [i64; 3]) -> Option<u32> {
+        if (0..3).any(|axis| indices[axis] < 0 || indices[axis] >= self.cells_per_axis[axis]) {
+            return None;
+        }
+        let key = self.interleave.key(indices);
+        self.levels.iter().try_fold(0, |rank, level| level.find(level.code(rank, key)))
+    }
+
+    fn number(&mut self, keys: &[u64]) {
+        // One bit of the bitmap costs an eighth of a byte: 5 bits beyond log2(N) are 4 bytes a point.
+        let width = (bit_length(keys.len() as u64) + 5).clamp(12, 32);
+        let mut left = self.interleave.bits;
+        while left > 0 && self.len > 0 {
+            let known = bit_length(self.len as u64 - 1);
+            let bits = left.min(width - known);
+            left -= bits;
+            let level = Level::new(bits, left, self.len, &self.cell_of, keys);
+            self.len = level.marked();
+            self.cell_of.par_iter_mut().zip(keys).with_min_len(CHUNK).for_each(|(cell, &key)| {
+                *cell = level.rank(level.code(*cell, key));
+            });
+            self.levels.push(level);
+        }
+    }
+}
+
+/// Points of each cell in ascending order: those of cell `c` are `points[offsets[c]..offsets[c + 1]]`.
+pub(crate) fn members(cell_of: &[u32], cells: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0_u32; cells + 1];
+    for &cell in cell_of {
+        starts[cell as usize + 1] += 1;
+    }
+    for cell in 0..cells {
+        starts[cell + 1] += starts[cell];
+    }
+    let mut next = starts.clone();
+    let mut points = vec![0; cell_of.len()];
+    for (point, &cell) in (0_u32..).zip(cell_of) {
+        let slot = &mut next[cell as usize];
+        points[*slot as usize] = point;
+        *slot += 1;
+    }
+    (starts, points)
+}
+
+/// Number of bits needed to write `value`.
+fn bit_length(value: u64) -> u32 {
+    u64::BITS - value.leading_zeros()
+}
+
+/// Interleaves the bits of three indices, lowest first, leaving out bits that no index of the grid uses.
+struct Interleave {
+    /// Bits of a key.
+    bits: u32,
+    /// For each axis and each byte of its index, the byte spread over the key.
+    tables: Vec<[[u64; 256]; 3]>,
+}
+
+impl Interleave {
+    fn new(cells_per_axis: [i64; 3]) -> Self {
+        let lengths = cells_per_axis.map(|n| bit_length(n.max(1) as u64 - 1));
+        let mut position = [[0; AXIS_BITS as usize]; 3];
+        let mut bits = 0;
+        for bit in 0..AXIS_BITS {
+            for axis in 0..3 {
+                if bit < lengths[axis] {
+                    position[axis][bit as usize] = bits;
+                    bits += 1;
+                }
+            }
+        }
+        let bytes = lengths.iter().max().map_or(0, |&most| most.div_ceil(8));
+        let spread = |axis: usize, byte: u32, value: usize| {
+            let used =
+                (8 * byte..lengths[axis].min(8 * byte + 8)).filter(|bit| value >> (bit - 8 * byte) & 1 == 1);
+            used.map(|bit| 1_u64 << position[axis][bit as usize]).sum()
+        };
+        let table = |byte| std::array::from_fn(|axis| std::array::from_fn(|value| spread(axis, byte, value)));
+        Self { bits, tables: (0..bytes).map(table).collect() }
+    }
+
+    fn key(&self, indices: [i64; 3]) -> u64 {
+        let mut key = 0;
+        for (byte, table) in self.tables.iter().enumerate() {
+            for axis in 0..3 {
+                key |= table[axis][(indices[axis] >> (8 * byte)) as usize & 0xff];
+            }
+        }
+        key
+    }
+}
+
+/// One bitmap of the hierarchy: it refines the cells found so far by the next `bits` bits of the key.
+struct Level {
+    bits: u32,
+    shift: u32,
+    words: Vec<Word>,
+}
+
+/// 64 marks, and the number of marks in all words before.
+#[derive(Clone, Copy)]
+struct Word {
+    marks: u64,
+    before: u32,
+}
+
+impl Level {
+    fn new(bits: u32, shift: u32, coarse: usize, cell_of: &[u32], keys: &[u64]) -> Self {
+        let mut level = Self { bits, shift, words: Vec::new() };
+        let length = (coarse << bits).div_ceil(64);
+        let marks: Vec<AtomicU64> = (0..length).map(|_| AtomicU64::new(0)).collect();
+        cell_of.par_iter().zip(keys).with_min_len(CHUNK).for_each(|(&cell, &key)| {
+            let code = level.code(cell, key);
+            let (word, mark) = (&marks[code >> 6], 1 << (code & 63));
+            // Looking first keeps the cache line shared: most points fall in a cell that is marked already.
+            if word.load(Ordering::Relaxed) & mark == 0 {
+                word.fetch_or(mark, Ordering::Relaxed);
+            }
+        });
+        let mut before = 0;
+        level.words = marks
+            .into_iter()
+            .map(|word| {
+                let marks = word.into_inner();
+                let word = Word { marks, before };
+                before += marks.count_ones();
+                word
+            })
+            .collect();
+        level
+    }
+
+    fn marked(&self) -> usize {
+        self.words.last().map_or(0, |word| word.before as usize + word.marks.count_ones() as usize)
+    }
+
+    fn code(&self, coarse: u32, key: u64) -> usize {
+        let mask = (1_u64 << self.bits) - 1;
+        (coarse as usize) << self.bits | (key >> self.shift & mask) as usize
+    }
+
+    /// Rank of a marked code.
+    fn rank(&self, code: usize) -> u32 {
+        let word = self.words[code >> 6];
+        word.before + (word.marks & ((1 << (code & 63)) - 1)).count_ones()
+    }
+
+    fn find(&self, code: usize) -> Option<u32> {
+        let word = self.words[code >> 6];
+        (word.marks >> (code & 63) & 1 == 1).then(|| self.rank(code))
+    }
+}

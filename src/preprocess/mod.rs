@@ -1,0 +1,66 @@
+//! From a raw cloud to a clean, even one: support plane, voxel grid, outlier filters, clusters, normals.
+//!
+//! Every function works alone, checks its own input and gives the same bytes at any number of threads.
+//!
+//! ```
+//! use sympose::preprocess::{voxel_downsample, remove_radius_outliers, RadiusParams};
+//! let points: Vec<[f64; 3]> = (0..100).map(|i| [0.001 * f64::from(i), 0.0, 0.0]).collect();
+//! let grid = voxel_downsample(&points, 0.01)?;
+//! let kept = remove_radius_outliers(&grid.points, &RadiusParams { radius: 0.02, min_neighbors: 2 })?;
+//! assert!(kept.len() <= grid.points.len());
+//! # Ok::<(), sympose::Error>(())
+//! ```
+
+mod cluster;
+mod eigen;
+mod grid;
+mod ground;
+mod neighbors;
+mod normals;
+mod plane;
+mod radius;
+mod statistical;
+mod voxel;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+
+pub use cluster::{ClusterParams, Clusters, main_cluster};
+pub use ground::{Ground, GroundParams, find_ground};
+pub use neighbors::{KNeighbors, median_spacing};
+pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbors, orient_normals};
+pub use plane::{Plane, PlaneParams, segment_plane};
+pub use radius::{RadiusParams, remove_radius_outliers};
+pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};
+pub use voxel::{VoxelGrid, voxel_downsample};
+
+/// Points that one task handles; fixed, so that sums do not depend on the number of threads.
+pub(crate) const CHUNK: usize = 4096;
+
+/// Fails unless every coordinate is finite.
+pub(crate) fn check_finite(points: &[[f64; 3]]) -> Result<()> {
+    // A finite number times 0 is 0, infinity and NaN give NaN: one comparison decides for a whole chunk. (A sum of
+    // finite coordinates can overflow; then the exact count says that all is well.)
+    let suspect = |chunk: &[[f64; 3]]| chunk.iter().map(|p| (p[0] + p[1] + p[2]) * 0.0).sum::<f64>() != 0.0;
+    if !points.par_chunks(CHUNK).any(suspect) {
+        return Ok(());
+    }
+    let count = points.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
+    if count == 0 {
+        return Ok(());
+    }
+    Err(Error::NonFinite { count, total: points.len() })
+}
+
+/// Lower and upper corner of the bounding box; the points must be finite and at least one.
+pub(crate) fn bounds(points: &[[f64; 3]]) -> [[f64; 3]; 2] {
+    let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    let join = |a: [[f64; 3]; 2], b: [[f64; 3]; 2]| {
+        [std::array::from_fn(|i| a[0][i].min(b[0][i])), std::array::from_fn(|i| a[1][i].max(b[1][i]))]
+    };
+    points
+        .par_chunks(CHUNK)
+        .map(|chunk| chunk.iter().fold(empty, |b, p| join(b, [*p, *p])))
+        .reduce(|| empty, join)
+}

@@ -1,0 +1,85 @@
+//! Statistical outlier filter: a point is as close to its neighbours as most points are to theirs.
+
+use serde::{Deserialize, Serialize};
+
+use super::{CHUNK, KNeighbors, check_finite};
+use crate::config::positive;
+use crate::error::{Error, Result};
+use crate::spatial::KdTree;
+
+/// Settings of [`remove_statistical_outliers`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StatisticalParams {
+    /// Neighbours that the mean distance is taken over, the point itself included [count].
+    pub k: usize,
+    /// How far above the average the mean distance may lie [standard deviations].
+    pub std_ratio: f64,
+}
+
+impl Default for StatisticalParams {
+    fn default() -> Self {
+        Self { k: 20, std_ratio: 2.0 }
+    }
+}
+
+/// Indices, ascending, of the points whose mean distance to their `k` nearest neighbours is below the average of all
+/// points plus `std_ratio` standard deviations.
+///
+/// The conventions are Open3D's: the point is its own first neighbour, the standard deviation is Bessel-corrected, the
+/// comparison is strict. Two cases differ, since nothing says that those points are outliers: a point whose
+/// neighbours all coincide with it (mean distance 0) is kept, and so are all points when every mean is the same.
+///
+/// # Errors
+/// [`Error::NonFinite`](crate::Error::NonFinite), or [`Error::InvalidParameter`](crate::Error::InvalidParameter) when
+/// `k` is 0 or `std_ratio` is not positive.
+pub fn remove_statistical_outliers(points: &[[f64; 3]], params: &StatisticalParams) -> Result<Vec<u32>> {
+    check(params)?;
+    check_finite(points)?;
+    if points.is_empty() {
+        return Ok(Vec::new());
+    }
+    statistical_inliers(&KNeighbors::new(&KdTree::new(points)?, points, params.k)?, params)
+}
+
+/// [`remove_statistical_outliers`] with neighbours that are known already; of more than `k`, the first `k` are used.
+///
+/// # Errors
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) when `k` is 0 or more than there are, or `std_ratio` is
+/// not positive.
+pub fn statistical_inliers(neighbors: &KNeighbors, params: &StatisticalParams) -> Result<Vec<u32>> {
+    check(params)?;
+    let k = params.k.min(neighbors.len());
+    if k > neighbors.k() {
+        return Err(Error::InvalidParameter {
+            name: "k",
+            value: params.k.to_string(),
+            expected: "at most the number of neighbours that were searched",
+        });
+    }
+    let means: Vec<f64> = neighbors
+        .map(|_, _, squares| squares[..k].iter().map(|square| square.sqrt()).sum::<f64>() / k as f64);
+    let average = chunked_sum(&means, |mean| mean) / means.len() as f64;
+    let square = chunked_sum(&means, |mean| (mean - average) * (mean - average));
+    let deviation = (square / (means.len().max(2) - 1) as f64).sqrt();
+    let threshold = average + params.std_ratio * deviation;
+    // Rounding aside, equal means have no deviation and lie on the threshold.
+    let keep = |mean: f64| mean < threshold || mean <= average * (1.0 + 1e-12);
+    Ok((0_u32..).zip(&means).filter(|&(_, &mean)| keep(mean)).map(|(i, _)| i).collect())
+}
+
+fn chunked_sum(values: &[f64], f: impl Fn(f64) -> f64) -> f64 {
+    values.chunks(CHUNK).map(|chunk| chunk.iter().map(|&x| f(x)).sum::<f64>()).sum()
+}
+
+fn check(params: &StatisticalParams) -> Result<()> {
+    positive("std_ratio", params.std_ratio)?;
+    if params.k == 0 {
+        return Err(Error::InvalidParameter {
+            name: "k",
+            value: "0".into(),
+            expected: "at least 1 neighbour",
+        });
+    }
+    Ok(())
+}
