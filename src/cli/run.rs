@@ -1,0 +1,277 @@
+//! The subcommands.
+
+use std::ffi::OsString;
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+
+use clap::Parser;
+use serde::Serialize;
+
+use super::args::{Cli, Command, EstimateArgs, FilterArgs, InfoArgs, PlaneArgs};
+use super::output::{self, Info, PlaneReport, TRUSTWORTHY};
+use super::progress;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::estimate::{Estimate, Estimator, Request};
+use crate::io::{self, Format, Scan};
+use crate::preprocess::{
+    PlaneParams, RadiusParams, StatisticalParams, median_spacing, remove_radius_outliers,
+    remove_statistical_outliers, segment_plane, voxel_downsample,
+};
+use crate::spatial::KdTree;
+
+const DONE: u8 = 0;
+const NO_POSE: u8 = 1;
+const BAD_INPUT: u8 = 2;
+
+pub(super) fn run(
+    args: impl IntoIterator<Item = OsString>,
+    stdout: &mut dyn Write,
+    stderr: &mut dyn Write,
+    progress: bool,
+) -> u8 {
+    let mut streams = Streams { stdout, stderr };
+    let outcome = match Cli::try_parse_from(args) {
+        Ok(cli) => match cli.command {
+            Command::Estimate(args) => estimate(&args, &mut streams, progress && !args.quiet),
+            Command::Filter(args) => filter(&args, &mut streams),
+            Command::Plane(args) => plane(&args, &mut streams),
+            Command::Info(args) => info(&args, &mut streams),
+        },
+        Err(error) if error.use_stderr() => {
+            streams.remark(&error.render().to_string());
+            return BAD_INPUT;
+        }
+        // Help and version are what was asked for.
+        Err(error) => streams.result(&error.render().to_string()).map(|()| DONE),
+    };
+    outcome.unwrap_or_else(|error| {
+        streams.remark(&format!("sympose: {error}\n"));
+        exit_code(&error)
+    })
+}
+
+fn exit_code(error: &Error) -> u8 {
+    match error {
+        Error::NoSymmetry { .. }
+        | Error::InsufficientData { .. }
+        | Error::Degenerate { .. }
+        | Error::DeadlineExceeded { .. }
+        | Error::Cancelled => NO_POSE,
+        _ => BAD_INPUT,
+    }
+}
+
+/// Results and remarks.
+struct Streams<'a> {
+    stdout: &'a mut dyn Write,
+    stderr: &'a mut dyn Write,
+}
+
+impl Streams<'_> {
+    /// Writes to standard output. Whoever reads it may stop reading: that is no error.
+    fn result(&mut self, text: &str) -> Result<()> {
+        match self.stdout.write_all(text.as_bytes()).and_then(|()| self.stdout.flush()) {
+            Err(source) if source.kind() != ErrorKind::BrokenPipe => {
+                Err(Error::Io { path: "standard output".into(), source })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes to standard error; where that fails there is no one left to tell.
+    fn remark(&mut self, text: &str) {
+        let _ = self.stderr.write_all(text.as_bytes());
+    }
+
+    /// Writes a line of JSON to a file, or to standard output where the file is `-`.
+    fn json(&mut self, path: &Path, value: &impl Serialize) -> Result<()> {
+        let io_error = |source| Error::Io { path: path.to_owned(), source };
+        let text = serde_json::to_string(value).map_err(|error| io_error(error.into()))? + "\n";
+        if path == Path::new("-") {
+            self.result(&text)
+        } else {
+            std::fs::write(path, text).map_err(io_error)
+        }
+    }
+}
+
+fn estimate(args: &EstimateArgs, streams: &mut Streams, progress: bool) -> Result<u8> {
+    let estimator = Estimator::new(args.config()?)?;
+    if let Some(path) = &args.completed {
+        // Before the work, not after it.
+        Format::of(path)?;
+    }
+    match find_pose(args, &estimator, progress) {
+        Ok(estimate) => report(args, &estimate, streams),
+        Err(error) => {
+            if let Some(path) = args.json.as_deref().filter(|_| exit_code(&error) == NO_POSE) {
+                streams.json(path, &output::failure_json(&error))?;
+            }
+            Err(error)
+        }
+    }
+}
+
+fn find_pose(args: &EstimateArgs, estimator: &Estimator, progress: bool) -> Result<Estimate> {
+    let mut scan = io::read(&args.scan)?;
+    scan.viewpoint = args.viewpoint().or(scan.viewpoint);
+    let cloud = scan.into_cloud()?;
+    let bar = progress::bar(progress);
+    let shown = bar.clone();
+    let mut control =
+        Control::new().with_progress(move |stage, fraction| progress::show(&shown, stage, fraction));
+    if let Some(timeout) = args.timeout {
+        control = control.with_timeout(timeout);
+    }
+    let estimate = estimator.estimate_with(&cloud, &Request { control, ..Request::default() });
+    bar.finish_and_clear();
+    estimate
+}
+
+fn report(args: &EstimateArgs, estimate: &Estimate, streams: &mut Streams) -> Result<u8> {
+    match &args.json {
+        Some(path) if args.full => streams.json(path, estimate)?,
+        Some(path) => streams.json(path, &estimate.summary())?,
+        None => {}
+    }
+    if args.json.as_deref() != Some(Path::new("-")) {
+        streams.result(&output::estimate_text(estimate))?;
+    }
+    if let Some(path) = &args.completed {
+        io::write(path, &Scan { points: estimate.completed.clone(), ..Scan::default() })?;
+    }
+    if estimate.score >= TRUSTWORTHY {
+        return Ok(DONE);
+    }
+    if !args.quiet {
+        streams.remark(&format!(
+            "sympose: the score {:.2} is below {TRUSTWORTHY}: do not act on this pose\n",
+            estimate.score
+        ));
+    }
+    Ok(NO_POSE)
+}
+
+fn filter(args: &FilterArgs, streams: &mut Streams) -> Result<u8> {
+    Format::of(&args.out)?;
+    let scan = io::read(&args.scan)?;
+    let mut steps = vec![("read", scan.points.len())];
+    let mut scan = finite(&scan);
+    steps.push(("finite", scan.points.len()));
+    if let Some(size) = args.filters.voxel_size {
+        scan = voxel_mean(&scan, size)?;
+        steps.push(("voxel grid", scan.points.len()));
+    }
+    if let Some(radius) = args.filters.radius {
+        let default = RadiusParams::default();
+        let min_neighbors = args.min_neighbors.unwrap_or(default.min_neighbors);
+        scan = select(&scan, &remove_radius_outliers(&scan.points, &RadiusParams { radius, min_neighbors })?);
+        steps.push(("radius", scan.points.len()));
+    }
+    if args.filters.k.is_some() || args.filters.std_ratio.is_some() {
+        let default = StatisticalParams::default();
+        let k = args.filters.k.unwrap_or(default.k);
+        let std_ratio = args.filters.std_ratio.unwrap_or(default.std_ratio);
+        scan = select(&scan, &remove_statistical_outliers(&scan.points, &StatisticalParams { k, std_ratio })?);
+        steps.push(("statistical", scan.points.len()));
+    }
+    io::write(&args.out, &scan)?;
+    if !args.quiet {
+        for (step, points) in steps {
+            streams.remark(&format!("{step:<12} {points:>10} points\n"));
+        }
+    }
+    Ok(DONE)
+}
+
+fn plane(args: &PlaneArgs, streams: &mut Streams) -> Result<u8> {
+    if let Some(path) = &args.remove {
+        Format::of(path)?;
+    }
+    let scan = finite(&io::read(&args.scan)?);
+    let distance = match args.distance {
+        Some(distance) => distance,
+        None => 2.0 * median_spacing(&KdTree::new(&scan.points)?, &scan.points),
+    };
+    let params = PlaneParams { distance, seed: args.seed, ..PlaneParams::default() };
+    let plane = segment_plane(&scan.points, &params)?;
+    if let Some(path) = &args.remove {
+        let mut inliers = plane.inliers.iter().copied().peekable();
+        let rest: Vec<u32> =
+            (0..).take(scan.points.len()).filter(|index| inliers.next_if_eq(index).is_none()).collect();
+        io::write(path, &select(&scan, &rest))?;
+    }
+    let report = PlaneReport {
+        coefficients: plane.coefficients,
+        distance,
+        inliers: plane.inliers.len(),
+        points: scan.points.len(),
+        iterations: plane.iterations,
+    };
+    if args.json {
+        streams.json(Path::new("-"), &report)?;
+    } else {
+        streams.result(&output::plane_text(&report))?;
+    }
+    Ok(DONE)
+}
+
+fn info(args: &InfoArgs, streams: &mut Streams) -> Result<u8> {
+    let scan = io::read(&args.scan)?;
+    let points = finite(&scan).points;
+    let corner = |pick: fn(f64, f64) -> f64| {
+        points.iter().copied().reduce(|a, b| std::array::from_fn(|axis| pick(a[axis], b[axis])))
+    };
+    let info = Info {
+        points: scan.points.len(),
+        finite: points.len(),
+        bounding_box: corner(f64::min).zip(corner(f64::max)).map(|(lower, upper)| [lower, upper]),
+        median_spacing: if points.is_empty() { None } else { Some(median_spacing(&KdTree::new(&points)?, &points)) },
+        normals: scan.normals.is_some(),
+        colors: scan.colors.is_some(),
+        viewpoint: scan.viewpoint,
+    };
+    if args.json {
+        streams.json(Path::new("-"), &info)?;
+    } else {
+        streams.result(&output::info_text(&info))?;
+    }
+    Ok(DONE)
+}
+
+/// The rows of a scan at ascending indices.
+fn select(scan: &Scan, indices: &[u32]) -> Scan {
+    fn rows<T: Copy>(rows: &[T], indices: &[u32]) -> Vec<T> {
+        indices.iter().filter_map(|index| rows.get(*index as usize).copied()).collect()
+    }
+    Scan {
+        points: rows(&scan.points, indices),
+        normals: scan.normals.as_ref().map(|normals| rows(normals, indices)),
+        colors: scan.colors.as_ref().map(|colors| rows(colors, indices)),
+        viewpoint: scan.viewpoint,
+    }
+}
+
+/// The scan without points that have a NaN or infinite coordinate.
+fn finite(scan: &Scan) -> Scan {
+    let rows = (0..).zip(&scan.points).filter(|(_, point)| point.iter().all(|x| x.is_finite()));
+    select(scan, &rows.map(|(index, _)| index).collect::<Vec<u32>>())
+}
+
+/// The means of the points, normals and colours of each voxel.
+fn voxel_mean(scan: &Scan, size: f64) -> Result<Scan> {
+    let grid = voxel_downsample(&scan.points, size)?;
+    let unit = |normal: [f64; 3]| {
+        let length = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if length.is_normal() { normal.map(|x| x / length) } else { [0.0; 3] }
+    };
+    let byte = |value: f64| value.round() as u8;
+    let wide = |colors: &Vec<[u8; 3]>| colors.iter().map(|color| color.map(f64::from)).collect::<Vec<_>>();
+    Ok(Scan {
+        normals: scan.normals.as_ref().map(|n| grid.mean_of(n).into_iter().map(unit).collect()),
+        colors: scan.colors.as_ref().map(|c| grid.mean_of(&wide(c)).into_iter().map(|v| v.map(byte)).collect()),
+        viewpoint: scan.viewpoint,
+        points: grid.points,
+    })
+}
