@@ -85,7 +85,9 @@ pub(super) fn estimate_text(estimate: &Estimate) -> String {
     let _ = writeln!(text, "score        {:.3}", estimate.score);
     let _ = writeln!(text, "explained    {:.1} %", 100.0 * estimate.explained);
     text += "sigma, object frame\n";
-    for (index, name) in ["rotation x", "rotation y", "yaw", "shift x", "shift y", "slide"].into_iter().enumerate() {
+    for (index, name) in
+        ["rotation x", "rotation y", "yaw", "shift x", "shift y", "slide"].into_iter().enumerate()
+    {
         let sigma = estimate.covariance[index][index].sqrt();
         let shown = match index {
             _ if !sigma.is_finite() => "free".to_owned(),

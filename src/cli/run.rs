@@ -88,11 +88,7 @@ impl Streams<'_> {
     fn json(&mut self, path: &Path, value: &impl Serialize) -> Result<()> {
         let io_error = |source| Error::Io { path: path.to_owned(), source };
         let text = serde_json::to_string(value).map_err(|error| io_error(error.into()))? + "\n";
-        if path == Path::new("-") {
-            self.result(&text)
-        } else {
-            std::fs::write(path, text).map_err(io_error)
-        }
+        if path == Path::new("-") { self.result(&text) } else { std::fs::write(path, text).map_err(io_error) }
     }
 }
 
@@ -173,7 +169,8 @@ fn filter(args: &FilterArgs, streams: &mut Streams) -> Result<u8> {
         let default = StatisticalParams::default();
         let k = args.filters.k.unwrap_or(default.k);
         let std_ratio = args.filters.std_ratio.unwrap_or(default.std_ratio);
-        scan = select(&scan, &remove_statistical_outliers(&scan.points, &StatisticalParams { k, std_ratio })?);
+        scan =
+            select(&scan, &remove_statistical_outliers(&scan.points, &StatisticalParams { k, std_ratio })?);
         steps.push(("statistical", scan.points.len()));
     }
     io::write(&args.out, &scan)?;
@@ -227,7 +224,11 @@ fn info(args: &InfoArgs, streams: &mut Streams) -> Result<u8> {
         points: scan.points.len(),
         finite: points.len(),
         bounding_box: corner(f64::min).zip(corner(f64::max)).map(|(lower, upper)| [lower, upper]),
-        median_spacing: if points.is_empty() { None } else { Some(median_spacing(&KdTree::new(&points)?, &points)) },
+        median_spacing: if points.is_empty() {
+            None
+        } else {
+            Some(median_spacing(&KdTree::new(&points)?, &points))
+        },
         normals: scan.normals.is_some(),
         colors: scan.colors.is_some(),
         viewpoint: scan.viewpoint,
@@ -270,7 +271,10 @@ fn voxel_mean(scan: &Scan, size: f64) -> Result<Scan> {
     let wide = |colors: &Vec<[u8; 3]>| colors.iter().map(|color| color.map(f64::from)).collect::<Vec<_>>();
     Ok(Scan {
         normals: scan.normals.as_ref().map(|n| grid.mean_of(n).into_iter().map(unit).collect()),
-        colors: scan.colors.as_ref().map(|c| grid.mean_of(&wide(c)).into_iter().map(|v| v.map(byte)).collect()),
+        colors: scan
+            .colors
+            .as_ref()
+            .map(|c| grid.mean_of(&wide(c)).into_iter().map(|v| v.map(byte)).collect()),
         viewpoint: scan.viewpoint,
         points: grid.points,
     })
