@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::preprocess::{GroundParams, NormalParams, StatisticalParams};
 use crate::symmetry::order::Order;
+use crate::symmetry::propose::ProposeParams;
+use crate::symmetry::refine::RefineParams;
 
 /// What to do with points that have a NaN or infinite coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -77,6 +80,43 @@ pub enum Yaw {
     Histogram,
 }
 
+/// How stray points are told from the part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutlierParams {
+    /// Radius of the radius filter [voxels].
+    pub radius: f64,
+    /// Neighbours that a point must have within that radius [count]; less than `k`.
+    pub min_neighbors: usize,
+    /// Neighbours of the statistical filter, the point itself included [count].
+    pub k: usize,
+    /// Standard deviations beyond the mean at which the statistical filter cuts.
+    pub std_ratio: f64,
+    /// Gap that separates clusters [diameters].
+    pub cluster_distance: f64,
+    /// Size at which a cluster is kept beside the main one [share of the main one].
+    pub cluster_ratio: f64,
+}
+
+impl Default for OutlierParams {
+    fn default() -> Self {
+        Self {
+            radius: 3.0,
+            min_neighbors: 4,
+            k: 20,
+            std_ratio: 3.0,
+            cluster_distance: 0.05,
+            cluster_ratio: 0.05,
+        }
+    }
+}
+
+impl OutlierParams {
+    pub(crate) fn statistical(&self) -> StatisticalParams {
+        StatisticalParams { k: self.k, std_ratio: self.std_ratio }
+    }
+}
+
 /// Every setting of an estimate. Lengths left `None` are found from the spacing of the points and the size of the part.
 ///
 /// ```
@@ -113,6 +153,16 @@ pub struct Config {
     pub origin: Origin,
     /// Rule for the primary orientation.
     pub yaw: Yaw,
+    /// Details of the search for the support plane.
+    pub plane: GroundParams,
+    /// Details of the filters.
+    pub outliers: OutlierParams,
+    /// Details of the normals.
+    pub normals: NormalParams,
+    /// Details of the search for the axis.
+    pub propose: ProposeParams,
+    /// Details of the refinement.
+    pub refine: RefineParams,
 }
 
 impl Default for Config {
@@ -131,6 +181,11 @@ impl Default for Config {
             joint: true,
             origin: Origin::default(),
             yaw: Yaw::default(),
+            plane: GroundParams::default(),
+            outliers: OutlierParams::default(),
+            normals: NormalParams::default(),
+            propose: ProposeParams::default(),
+            refine: RefineParams::default(),
         }
     }
 }
@@ -140,7 +195,12 @@ impl Config {
     /// point-to-point residuals, joint optimisation, yaw from the histogram, origin at the centroid.
     #[must_use]
     pub fn paper() -> Self {
-        Self { residual: Residual::PointToPoint, yaw: Yaw::Histogram, ..Self::default() }
+        Self {
+            residual: Residual::PointToPoint,
+            yaw: Yaw::Histogram,
+            propose: ProposeParams { search: false, ..ProposeParams::default() },
+            ..Self::default()
+        }
     }
 
     /// Checks every setting.

@@ -1,15 +1,25 @@
 //! The pipeline, read top to bottom like the figure of the paper.
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::cloud::PointCloud;
 use crate::config::Config;
 use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::symmetry::order::Order;
+use crate::error::{Error, Evidence, Result};
+use crate::prepare::{Prepared, prepare};
+use crate::symmetry::axis::Axis;
+use crate::symmetry::complete::{FoldedCell, axis_frame, complete};
+use crate::symmetry::covariance::{AlongAxis, pose_covariance};
+use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
+use crate::symmetry::propose::{Proposal, propose};
+use crate::symmetry::refine::{Refined, align, refine_jointly};
+use crate::symmetry::score::match_score;
+use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// A motion that leaves the part looking the same, so that the data cannot fix it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -105,6 +115,46 @@ pub struct Request {
     pub prefer: Option<Isometry3<f64>>,
 }
 
+/// Time and figures of the stages as they run.
+pub(crate) struct Stages<'a> {
+    control: &'a Control,
+    running: Option<(&'static str, Instant)>,
+    timings: BTreeMap<String, f64>,
+    diagnostics: BTreeMap<String, Diagnostic>,
+}
+
+impl<'a> Stages<'a> {
+    /// The stages in the order in which they run.
+    const NAMES: [&'static str; 9] =
+        ["input", "ground", "downsample", "outliers", "normals", "propose", "refine", "complete", "orient"];
+
+    fn new(control: &'a Control) -> Self {
+        Self { control, running: None, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
+    }
+
+    /// Ends the running stage, reports that the next one begins, and fails when the work is to stop.
+    pub(crate) fn begin(&mut self, stage: &'static str) -> Result<()> {
+        self.end();
+        self.running = Some((stage, Instant::now()));
+        let done = Self::NAMES.iter().position(|name| *name == stage).unwrap_or(0);
+        self.control.report(stage, done as f64 / Self::NAMES.len() as f64)
+    }
+
+    fn end(&mut self) {
+        if let Some((stage, started)) = self.running.take() {
+            *self.timings.entry(stage.to_owned()).or_default() += started.elapsed().as_secs_f64();
+        }
+    }
+
+    pub(crate) fn number(&mut self, name: &str, value: f64) {
+        self.diagnostics.insert(name.to_owned(), Diagnostic::Number(value));
+    }
+
+    pub(crate) fn text(&mut self, name: &str, value: &str) {
+        self.diagnostics.insert(name.to_owned(), Diagnostic::Text(value.to_owned()));
+    }
+}
+
 /// A checked configuration, ready to estimate any number of clouds from any thread.
 ///
 /// ```no_run
@@ -150,8 +200,232 @@ impl Estimator {
     /// # Errors
     /// Those of [`Estimator::estimate`], and [`Error::Cancelled`] or [`Error::DeadlineExceeded`].
     pub fn estimate_with(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
-        request.control.check()?;
-        let _ = cloud;
-        Err(Error::InsufficientData { stage: "estimate", needed: 1, got: 0, hint: "under construction" })
+        let Some(threads) = self.config.threads else { return self.run(cloud, request) };
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|e| Error::ThreadPool { threads, reason: e.to_string() })?;
+        pool.install(|| self.run(cloud, request))
     }
+
+    fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
+        let config = &self.config;
+        let control = &request.control;
+        let order = known_order(config.order)?;
+        let mut stages = Stages::new(control);
+        stages.begin("input")?;
+        let prepared = prepare(cloud, config, &mut stages)?;
+        let surface = &prepared.surface;
+
+        stages.begin("propose")?;
+        let starts = self.starts(&prepared, order, request, control)?;
+        let Some(start) = starts.first() else { return Err(no_axis(&prepared)) };
+
+        stages.begin("refine")?;
+        let found = self.refine(surface, start.axis, order, control)?;
+        let refined = Samples {
+            points: displaced(&surface.samples.points, &found),
+            normals: surface.samples.normals.clone(),
+        };
+
+        stages.begin("complete")?;
+        let completion = complete(&refined, &found.axis, order, prepared.voxel_size);
+
+        stages.begin("orient")?;
+        let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
+        let (axis, sign_rule) = decide_sign(&found.axis, up, prepared.toward_sensors, &completion);
+        let completion = if axis == found.axis {
+            completion
+        } else {
+            complete(&refined, &axis, order, prepared.voxel_size)
+        };
+        let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
+        let height = origin_height(&completion.cells, config.origin, base);
+        let heading = find_heading(&completion, &refined, &axis, order, config.yaw);
+        stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
+        stages.number("coverage", completion.coverage);
+        stages.number("sigma", found.sigma);
+        stages.number("rounds", found.rounds as f64);
+        stages.diagnostics.insert("joint_cost".into(), Diagnostic::Series(found.costs.clone()));
+        stages.diagnostics.insert("yaw_histogram".into(), Diagnostic::Series(heading.histogram.clone()));
+
+        let axis_from_object = Isometry3::from_parts(
+            Vector3::new(0.0, 0.0, height).into(),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading.angle),
+        );
+        let local_from_object = axis_frame(&axis) * axis_from_object;
+        let world_from_object = prepared.world_from_local * local_from_object;
+        let judged = surface.samples.strided(JUDGED);
+        let judge = |turns: &Turns| {
+            match_score(
+                surface,
+                &judged,
+                &axis,
+                turns,
+                self.final_gate(surface),
+                prepared.visibility.as_ref(),
+            )
+        };
+        let evidence = judge(&Turns::half(order, config.refine.max_turns));
+        let along = AlongAxis { slide: slide_sigma(&completion.cells), yaw: heading.sigma };
+        let (covariance, unobservable) = pose_covariance(
+            &found.information,
+            found.sigma,
+            0.5 * prepared.diameter,
+            heading.angle,
+            height,
+            along,
+        );
+        let match_curve = self.match_curve(&prepared, &axis);
+        let world = |p: &Vector3<f64>| (prepared.world_from_local * Point3::from(*p)).coords.into();
+        stages.end();
+        Ok(Estimate {
+            world_from_object,
+            order,
+            score: evidence.value(),
+            explained: evidence.explained(),
+            covariance,
+            unobservable,
+            warnings: Vec::new(),
+            points: refined.points.iter().map(world).collect(),
+            normals: refined.normals.iter().map(|n| (prepared.world_from_local * n).into()).collect(),
+            inliers: prepared.inliers,
+            point_of_inlier: prepared.point_of_inlier,
+            completed: completion.points.iter().map(world).collect(),
+            completed_sector: completion.sectors,
+            ground: prepared.ground.map(|plane| plane_in_world(plane, &prepared.world_from_local)),
+            match_curve,
+            candidates: starts
+                .iter()
+                .map(|p| Candidate {
+                    axis: (prepared.world_from_local * p.axis.direction.into_inner()).into(),
+                    center: world(&p.axis.point),
+                    order,
+                    score: p.score.value(),
+                })
+                .collect(),
+            timings: stages.timings,
+            diagnostics: stages.diagnostics,
+        })
+    }
+
+    /// Axes to refine, best first: the pose given by the caller, or the result of the search.
+    fn starts(
+        &self,
+        prepared: &Prepared,
+        order: Order,
+        request: &Request,
+        control: &Control,
+    ) -> Result<Vec<Proposal>> {
+        let surface = &prepared.surface;
+        let turns = Turns::half(order, self.config.propose.max_turns);
+        let local = |world: Vector3<f64>| prepared.world_from_local.inverse() * world;
+        if let Some(initial) = request.initial {
+            let local_from_object = prepared.world_from_local.inverse() * initial;
+            let direction = local_from_object * Vector3::z();
+            if let Some(axis) = Axis::new(direction, local_from_object.translation.vector) {
+                let samples = surface.samples.strided(JUDGED);
+                let gate = self.final_gate(surface);
+                let score = match_score(surface, &samples, &axis, &turns, gate, prepared.visibility.as_ref());
+                return Ok(vec![Proposal { axis, score }]);
+            }
+        }
+        let hints: Vec<Vector3<f64>> =
+            prepared.ground.iter().map(|[x, y, z, _]| Vector3::new(*x, *y, *z)).collect();
+        propose(
+            surface,
+            &turns,
+            prepared.diameter,
+            &hints,
+            self.config.axis_hint.map(|hint| local(hint.into())),
+            prepared.visibility.as_ref(),
+            &self.config.propose,
+            control,
+        )
+    }
+
+    /// Aligns on a part of the points, then on all, then moves the points too.
+    fn refine(&self, surface: &Surface, start: Axis, order: Order, control: &Control) -> Result<Refined> {
+        let Config { residual, refine: params, .. } = &self.config;
+        let turns = Turns::half(order, params.max_turns);
+        let last_gate = params.gate * surface.spacing;
+        let coarse = surface.samples.strided(COARSE);
+        let near =
+            align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
+        let aligned =
+            align(surface, &surface.samples, near.axis, &turns, *residual, [last_gate; 2], params, control)?;
+        refine_jointly(surface, &aligned, order, *residual, self.config.joint, params, control)
+    }
+
+    fn final_gate(&self, surface: &Surface) -> Gate {
+        let params = &self.config.refine;
+        Gate { distance: 3.0 * surface.spacing, cosine: params.max_normal_angle.cos() }
+    }
+
+    /// Match score of rotations by any angle.
+    fn match_curve(&self, prepared: &Prepared, axis: &Axis) -> Vec<[f64; 2]> {
+        const ANGLES: usize = 180;
+        const SAMPLES: usize = 300;
+        let surface = &prepared.surface;
+        let samples = surface.samples.strided(SAMPLES);
+        let gate = self.final_gate(surface);
+        (0..ANGLES)
+            .map(|i| {
+                let angle = std::f64::consts::TAU * i as f64 / ANGLES as f64;
+                let turns = Turns::single(angle);
+                let score = match_score(surface, &samples, axis, &turns, gate, prepared.visibility.as_ref());
+                [angle, score.value()]
+            })
+            .collect()
+    }
+}
+
+/// Points on which the final axis is judged.
+const JUDGED: usize = 4000;
+
+/// Points on which the axis is aligned before all are used.
+const COARSE: usize = 4000;
+
+fn known_order(order: Order) -> Result<Order> {
+    match order {
+        Order::Auto => Err(Error::InvalidParameter {
+            name: "order",
+            value: "auto".into(),
+            expected: "an integer from 2 to 360 or \"continuous\": this version does not find the order yet",
+        }),
+        known => Ok(known),
+    }
+}
+
+fn no_axis(prepared: &Prepared) -> Error {
+    let center = (prepared.world_from_local * Point3::from(prepared.surface.centroid())).coords.into();
+    let reason = "no direction within reach could be aligned".to_owned();
+    Error::NoSymmetry { evidence: Evidence { center, reason, ..Evidence::default() } }
+}
+
+fn displaced(points: &[Vector3<f64>], found: &Refined) -> Vec<Vector3<f64>> {
+    if found.offsets.is_empty() {
+        return points.to_vec();
+    }
+    points.iter().zip(&found.offsets).map(|(p, offset)| p + offset).collect()
+}
+
+/// Height above the point of the axis at which it meets a plane; `None` when it runs along the plane.
+fn height_over(axis: &Axis, [x, y, z, d]: [f64; 4]) -> Option<f64> {
+    let normal = Vector3::new(x, y, z);
+    let cosine = normal.dot(&axis.direction);
+    (cosine.abs() > 0.1).then(|| -(normal.dot(&axis.point) + d) / cosine)
+}
+
+fn plane_in_world([x, y, z, d]: [f64; 4], world_from_local: &Isometry3<f64>) -> [f64; 4] {
+    let normal = world_from_local * Vector3::new(x, y, z);
+    [normal.x, normal.y, normal.z, d - normal.dot(&world_from_local.translation.vector)]
+}
+
+/// Standard deviation of the height of the centroid, from the scatter of the cells [length].
+fn slide_sigma(cells: &[FoldedCell]) -> f64 {
+    let area: f64 = cells.iter().map(|c| c.area).sum();
+    let mean = cells.iter().map(|c| c.area * c.position.z).sum::<f64>() / area;
+    let scatter: f64 = cells.iter().map(|c| (c.area * (c.position.z - mean)).powi(2)).sum();
+    scatter.sqrt() / area
 }

@@ -8,6 +8,8 @@ pub mod error;
 pub mod estimate;
 #[cfg(feature = "io")]
 pub mod io;
+pub mod metrics;
+mod prepare;
 pub mod preprocess;
 pub mod schema;
 pub mod spatial;

@@ -2,7 +2,10 @@
 
 pub mod alignment;
 pub mod axis;
+pub mod complete;
+pub mod covariance;
 pub mod order;
+pub mod orient;
 pub mod propose;
 pub mod refine;
 pub mod residual;

@@ -80,6 +80,12 @@ impl Turns {
         }
     }
 
+    /// One rotation by `angle` [rad].
+    #[must_use]
+    pub fn single(angle: f64) -> Self {
+        Self(vec![(angle, 1.0)])
+    }
+
     fn golden(count: usize) -> Self {
         Self((1..=count).map(|k| ((GOLDEN_ANGLE * k as f64) % std::f64::consts::TAU, 1.0)).collect())
     }

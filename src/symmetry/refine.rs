@@ -157,7 +157,8 @@ pub fn align(
     Ok(refined)
 }
 
-/// The paper's joint optimisation: axis and points together, from an aligned axis.
+/// The paper's joint optimisation: axis and points together, from an aligned axis. With `joint` false the points stay
+/// where they were measured, and only the information about the axis is gathered.
 ///
 /// # Errors
 /// When the work is cancelled.
@@ -166,6 +167,7 @@ pub fn refine_jointly(
     aligned: &Refined,
     order: Order,
     residual: Residual,
+    joint: bool,
     params: &RefineParams,
     control: &Control,
 ) -> Result<Refined> {
@@ -173,9 +175,13 @@ pub fn refine_jointly(
     let radius = rim(surface, &centroid);
     let turns = Turns::all(order, params.max_joint_turns);
     let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
-    let mut unknowns = Unknowns { axis: aligned.axis, offsets: vec![Vector3::zeros(); surface.len()] };
+    let mut unknowns = Unknowns {
+        axis: aligned.axis,
+        offsets: if joint { vec![Vector3::zeros(); surface.len()] } else { Vec::new() },
+    };
     let mut refined = aligned.clone();
-    for _ in 0..3 {
+    let rounds = if joint { 3 } else { 1 };
+    for _ in 0..rounds {
         control.check()?;
         let correspondences = Correspondences::find(surface, &surface.samples, &unknowns.axis, &turns, gate);
         let mut found =
@@ -192,8 +198,10 @@ pub fn refine_jointly(
             max_offset: surface.spacing,
         };
         let before = unknowns.axis;
-        unknowns = minimize(problem(), unknowns, 3)?;
-        unknowns.axis = unknowns.axis.recentered(&centroid);
+        if joint {
+            unknowns = minimize(problem(), unknowns, 3)?;
+            unknowns.axis = unknowns.axis.recentered(&centroid);
+        }
         let linear = problem().linearize(&unknowns)?;
         refined.information = linear.hessian;
         refined.costs.push(linear.cost / correspondences.count().max(1) as f64);

@@ -21,7 +21,7 @@ pub struct MatchScore {
 
 /// Weight of a point of which nothing is known against one that was seen to be wrong; it keeps an axis that turns the
 /// whole part out of sight from scoring well.
-const UNSEEN: f64 = 0.2;
+const UNSEEN: f64 = 0.1;
 
 impl MatchScore {
     /// Share of the evidence that agrees, in [0, 1].
@@ -37,6 +37,13 @@ impl MatchScore {
     pub fn overlap(&self) -> f64 {
         let total = self.matched + self.contradicted + self.unseen;
         if total > 0 { self.matched as f64 / total as f64 } else { 0.0 }
+    }
+
+    /// Share of the observed surface that agrees, in [0, 1]: what no camera can tell is left out.
+    #[must_use]
+    pub fn explained(&self) -> f64 {
+        let told = self.matched + self.contradicted;
+        if told > 0 { self.matched as f64 / told as f64 } else { 0.0 }
     }
 
     fn add(self, other: Self) -> Self {

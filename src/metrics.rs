@@ -1,0 +1,78 @@
+//! Pose errors as the field measures them.
+
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::spatial::KdTree;
+use crate::symmetry::axis::Axis;
+
+/// ADD-S: mean distance from each estimated point to the nearest true one [length].
+///
+/// `points` are in the object frame, poses are `world_from_object`. Reference: Xiang et al., PoseCNN (2018); equation
+/// (8) of Dai et al. (arXiv 2606.16593).
+///
+/// # Errors
+/// Those of [`KdTree::new`] for the points.
+pub fn adds(points: &[[f64; 3]], estimated: &Isometry3<f64>, truth: &Isometry3<f64>) -> Result<f64> {
+    let tree = KdTree::new(points)?;
+    let truth_from_estimated = truth.inverse() * estimated;
+    let parts: Vec<f64> = points
+        .par_chunks(1024)
+        .map(|chunk| {
+            chunk
+                .iter()
+                .map(|p| {
+                    let moved = truth_from_estimated * Point3::from(*p);
+                    tree.nearest(&moved.coords.into()).distance_sq.sqrt()
+                })
+                .sum()
+        })
+        .collect();
+    Ok(parts.iter().sum::<f64>() / points.len() as f64)
+}
+
+/// MSSD: the largest distance between estimated and true points, minimised over the symmetries of the part [length].
+///
+/// `symmetries` are motions in the object frame that leave the part unchanged; the identity is always among them.
+/// Reference: Hodan et al., BOP Challenge 2020.
+///
+/// # Errors
+/// [`Error::InsufficientData`] without points.
+pub fn mssd(
+    points: &[[f64; 3]],
+    estimated: &Isometry3<f64>,
+    truth: &Isometry3<f64>,
+    symmetries: &[Isometry3<f64>],
+) -> Result<f64> {
+    if points.is_empty() {
+        return Err(Error::InsufficientData {
+            stage: "MSSD",
+            needed: 1,
+            got: 0,
+            hint: "give points of the surface",
+        });
+    }
+    let largest = |symmetry: &Isometry3<f64>| {
+        let target = truth * symmetry;
+        points
+            .iter()
+            .map(|p| (estimated * Point3::from(*p) - target * Point3::from(*p)).norm_squared())
+            .fold(0.0, f64::max)
+    };
+    let identity = [Isometry3::identity()];
+    let best = identity.iter().chain(symmetries).map(largest).fold(f64::INFINITY, f64::min);
+    Ok(best.sqrt())
+}
+
+/// Angle between two axes, sign ignored [rad, at most pi/2].
+#[must_use]
+pub fn axis_angle(estimated: &Axis, truth: &Axis) -> f64 {
+    estimated.angle_to(truth)
+}
+
+/// Distance of the true centre from the estimated axis line [length].
+#[must_use]
+pub fn axis_offset(estimated: &Axis, true_center: &[f64; 3]) -> f64 {
+    estimated.distance(&(*true_center).into())
+}

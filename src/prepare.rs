@@ -1,0 +1,311 @@
+//! From the raw cloud to the surface of the part: region, frame, ground, voxels, outliers, cluster, normals.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+
+use crate::cloud::PointCloud;
+use crate::config::{ClusterMode, Config, NonFinite};
+use crate::error::{Error, Result};
+use crate::estimate::Stages;
+use crate::preprocess::{
+    ClusterParams, Ground, GroundParams, KNeighbors, VoxelGrid, find_ground, main_cluster, median_spacing,
+    normals_from_neighbors, orient_normals, statistical_inliers, voxel_downsample,
+};
+use crate::spatial::KdTree;
+use crate::symmetry::surface::{Samples, Surface};
+use crate::symmetry::visibility::Visibility;
+
+/// Fewest points of a surface in which an axis is looked for.
+const MIN_POINTS: usize = 50;
+
+/// The surface of the part in a frame that turns with the data, and where it came from.
+pub(crate) struct Prepared {
+    /// World from the local frame in which everything below is given.
+    pub world_from_local: Isometry3<f64>,
+    /// The part.
+    pub surface: Surface,
+    /// Size of the part [length].
+    pub diameter: f64,
+    /// Edge of a voxel [length].
+    pub voxel_size: f64,
+    /// Input rows behind the surface, ascending.
+    pub inliers: Vec<u32>,
+    /// For each of them its point of the surface.
+    pub point_of_inlier: Vec<u32>,
+    /// The support plane, local frame.
+    pub ground: Option<[f64; 4]>,
+    /// What the cameras saw to be empty.
+    pub visibility: Option<Visibility>,
+    /// Mean unit direction from the part to its sensors, short when they stand all round.
+    pub toward_sensors: Option<Vector3<f64>>,
+}
+
+/// Runs all stages before the search for the axis.
+pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) -> Result<Prepared> {
+    if config.non_finite == NonFinite::Error && cloud.dropped() > 0 {
+        return Err(Error::NonFinite { count: cloud.dropped(), total: cloud.dropped() + cloud.len() });
+    }
+    stages.number("input_points", cloud.len() as f64);
+    stages.number("non_finite_points", cloud.dropped() as f64);
+    let scene = Scene::new(cloud, config)?;
+    let visibility =
+        Visibility::new(&scene.points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>(), |i| {
+            scene.viewpoint(i).map(Vector3::from)
+        });
+
+    stages.begin("ground")?;
+    let params = GroundParams { seed: config.seed, ..config.plane.clone() };
+    let ground = find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground)?;
+    let part = match &ground {
+        Some(Ground { kept, reason, removed, .. }) => {
+            stages.text("ground", reason);
+            stages.number("ground_points", *removed as f64);
+            scene.select(kept)
+        }
+        None => scene,
+    };
+    enough("ground", part.points.len())?;
+
+    stages.begin("downsample")?;
+    let diameter = width(&part.points);
+    let voxel_size = match config.voxel_size {
+        Some(size) => size,
+        None => default_voxel(&part.points, diameter)?,
+    };
+    let grid = voxel_downsample(&part.points, voxel_size)?;
+    stages.number("voxel_size", voxel_size);
+    stages.number("voxel_points", grid.points.len() as f64);
+    enough("downsample", grid.points.len())?;
+
+    stages.begin("outliers")?;
+    let tree = KdTree::new(&grid.points)?;
+    let neighbors = KNeighbors::new(&tree, &grid.points, config.normals.k.max(config.outliers.k))?;
+    let kept = clean(&grid.points, &neighbors, voxel_size, diameter, config)?;
+    stages.number("surface_points", kept.len() as f64);
+    enough("outliers", kept.len())?;
+
+    stages.begin("normals")?;
+    let mut normals = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?.normals;
+    if let Some(given) = &part.normals {
+        replace_by_given(&mut normals, given, &grid);
+    }
+    let viewpoints = part.viewpoints.as_ref().map(|rows| grid.mean_of(rows));
+    if let Some(viewpoints) = &viewpoints {
+        orient_normals(&mut normals, &grid.points, |i| Some(viewpoints[i]));
+    }
+
+    let mut surface_of_cell = vec![u32::MAX; grid.points.len()];
+    for (surface, &cell) in (0u32..).zip(&kept) {
+        surface_of_cell[cell as usize] = surface;
+    }
+    let (inliers, point_of_inlier) = part
+        .input_index
+        .iter()
+        .zip(&grid.inverse)
+        .filter(|(_, cell)| surface_of_cell[**cell as usize] != u32::MAX)
+        .map(|(input, cell)| (*input, surface_of_cell[*cell as usize]))
+        .unzip();
+    let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
+    let samples = Samples { points: pick(&grid.points), normals: pick(&normals) };
+    let toward_sensors = viewpoints.map(|rows| {
+        let directions =
+            pick(&rows).into_iter().zip(&samples.points).filter_map(|(v, p)| (v - p).try_normalize(0.0));
+        directions.sum::<Vector3<f64>>() / samples.points.len() as f64
+    });
+    Ok(Prepared {
+        world_from_local: part.world_from_local,
+        surface: Surface::new(samples, toward_sensors.is_some(), voxel_size)?,
+        diameter,
+        voxel_size,
+        inliers,
+        point_of_inlier,
+        ground: ground.map(|g| g.plane),
+        visibility,
+        toward_sensors,
+    })
+}
+
+/// The points within the region of interest, in a frame that turns with them.
+struct Scene {
+    world_from_local: Isometry3<f64>,
+    points: Vec<[f64; 3]>,
+    input_index: Vec<u32>,
+    viewpoints: Option<Vec<[f64; 3]>>,
+    normals: Option<Vec<[f64; 3]>>,
+}
+
+impl Scene {
+    /// Crops and turns into the principal frame, so that the result does not depend on how the world frame lies: the
+    /// voxel grid and the starting directions turn with the data.
+    fn new(cloud: &PointCloud, config: &Config) -> Result<Self> {
+        let origin = Vector3::from(cloud.origin());
+        let inside = |p: &[f64; 3]| {
+            config.roi.is_none_or(|[lower, upper]| {
+                (0..3).all(|i| (lower[i] - origin[i]..=upper[i] - origin[i]).contains(&p[i]))
+            })
+        };
+        let points = cloud.local_points();
+        let chosen: Vec<u32> = (0..points.len() as u32).filter(|&i| inside(&points[i as usize])).collect();
+        if chosen.is_empty() {
+            return Err(Error::InsufficientData {
+                stage: "region of interest",
+                needed: MIN_POINTS,
+                got: 0,
+                hint: "no point lies inside; check the corners and their unit",
+            });
+        }
+        enough("input", chosen.len())?;
+        let rows: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i as usize]).collect();
+        let frame = principal_frame(&rows)?;
+        let turn = frame.rotation.inverse();
+        let local = |p: &[f64; 3]| (frame.inverse() * Point3::from(*p)).coords.into();
+        let viewpoints = cloud.has_viewpoints().then(|| {
+            chosen
+                .iter()
+                .map(|&i| cloud.viewpoints().of(i as usize).unwrap_or_default())
+                .map(|v| local(&v))
+                .collect()
+        });
+        let normals = cloud.normals().map(|normals| {
+            chosen.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
+        });
+        Ok(Self {
+            points: rows.par_iter().map(local).collect(),
+            world_from_local: nalgebra::Translation3::from(origin) * frame,
+            input_index: chosen.iter().map(|&i| cloud.input_index()[i as usize]).collect(),
+            viewpoints,
+            normals,
+        })
+    }
+
+    fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
+        self.viewpoints.as_ref().map(|rows| rows[i])
+    }
+
+    fn select(self, kept: &[u32]) -> Self {
+        let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
+        Self {
+            points: pick(&self.points),
+            input_index: kept.iter().map(|&i| self.input_index[i as usize]).collect(),
+            viewpoints: self.viewpoints.as_deref().map(pick),
+            normals: self.normals.as_deref().map(pick),
+            ..self
+        }
+    }
+}
+
+fn enough(stage: &'static str, got: usize) -> Result<()> {
+    if got >= MIN_POINTS {
+        return Ok(());
+    }
+    let hint = "scan the part more densely, choose a smaller voxel, or loosen the filter of this stage";
+    Err(Error::InsufficientData { stage, needed: MIN_POINTS, got, hint })
+}
+
+/// Centroid and principal axes; the sign of each axis follows the third moment, so that the frame turns with the data.
+fn principal_frame(points: &[[f64; 3]]) -> Result<Isometry3<f64>> {
+    let count = points.len() as f64;
+    let sum = |chunk: &[[f64; 3]]| chunk.iter().map(|p| Vector3::from(*p)).sum::<Vector3<f64>>();
+    let centroid = points.par_chunks(4096).map(sum).collect::<Vec<_>>().iter().sum::<Vector3<f64>>() / count;
+    let scatter = |chunk: &[[f64; 3]]| {
+        chunk.iter().fold(Matrix3::zeros(), |m, p| {
+            let d = Vector3::from(*p) - centroid;
+            m + d * d.transpose()
+        })
+    };
+    let covariance: Matrix3<f64> = points.par_chunks(4096).map(scatter).collect::<Vec<_>>().iter().sum();
+    let eigen = SymmetricEigen::try_new(covariance / count, f64::EPSILON, 100)
+        .ok_or(Error::Degenerate { shape: "too ill-conditioned for principal axes" })?;
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let [largest, middle] = [eigen.eigenvalues[order[0]], eigen.eigenvalues[order[1]]];
+    let extent = points.iter().flatten().fold(0f64, |m, x| m.max(x.abs()));
+    if largest <= (1e-12 * extent).powi(2) {
+        return Err(Error::Degenerate { shape: "identical" });
+    }
+    if middle <= 1e-12 * largest {
+        return Err(Error::Degenerate { shape: "collinear" });
+    }
+    let axes: [Vector3<f64>; 2] = [0, 1].map(|i| {
+        let axis: Vector3<f64> = eigen.eigenvectors.column(order[i]).into();
+        let skew: f64 = points.iter().map(|p| axis.dot(&(Vector3::from(*p) - centroid)).powi(3)).sum();
+        if skew < 0.0 { -axis } else { axis }
+    });
+    let [x, y] = axes;
+    let rotation = Rotation3::from_basis_unchecked(&[x, y, x.cross(&y)]);
+    Ok(Isometry3::from_parts(centroid.into(), rotation.into()))
+}
+
+/// Largest extent over thirteen directions, without the outermost half percent at either end [length].
+fn width(points: &[[f64; 3]]) -> f64 {
+    const TRIMMED: f64 = 0.005;
+    /// More points than this do not make the quantiles better.
+    const LOOKED_AT: usize = 20_000;
+    let step = points.len().div_ceil(LOOKED_AT);
+    let directions = (0..27).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)));
+    directions
+        .map(|d| d.add_scalar(-1.0))
+        .take(13)
+        .map(|d| {
+            let d = d.normalize();
+            let mut along: Vec<f64> =
+                points.iter().step_by(step).map(|p| d.dot(&Vector3::from(*p))).collect();
+            let last = along.len() - 1;
+            let low = (TRIMMED * last as f64) as usize;
+            let lower = *along.select_nth_unstable_by(low, f64::total_cmp).1;
+            *along.select_nth_unstable_by(last - low, f64::total_cmp).1 - lower
+        })
+        .fold(0.0, f64::max)
+}
+
+/// A two-hundredth of the diameter, or the spacing of the points where they are sparser.
+fn default_voxel(points: &[[f64; 3]], diameter: f64) -> Result<f64> {
+    /// A spacing that is known from this many points is known well enough.
+    const LOOKED_AT: usize = 200_000;
+    let step = points.len().div_ceil(LOOKED_AT);
+    let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
+    let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
+    let size = (diameter / 200.0).max(1.2 * spacing);
+    if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
+}
+
+/// Radius filter, statistical filter, then the main cluster; kept voxels, ascending.
+fn clean(
+    points: &[[f64; 3]],
+    neighbors: &KNeighbors,
+    voxel_size: f64,
+    diameter: f64,
+    config: &Config,
+) -> Result<Vec<u32>> {
+    let params = &config.outliers;
+    let radius_sq = (params.radius * voxel_size).powi(2);
+    // A point is its own first neighbour, so the neighbour of rank `min_neighbors` decides.
+    let crowded = |i: usize| {
+        let (_, distances_sq) = neighbors.of(i);
+        distances_sq.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq)
+    };
+    let regular = statistical_inliers(neighbors, &params.statistical())?;
+    let kept: Vec<u32> = regular.into_iter().filter(|&i| crowded(i as usize)).collect();
+    if config.cluster == ClusterMode::Off || kept.is_empty() {
+        return Ok(kept);
+    }
+    let rows: Vec<[f64; 3]> = kept.iter().map(|&i| points[i as usize]).collect();
+    let distance = (params.cluster_distance * diameter).max(3.0 * voxel_size);
+    let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: params.cluster_ratio })?;
+    Ok(clusters.kept.into_iter().map(|i| kept[i as usize]).collect())
+}
+
+/// Normals given by the caller win over estimated ones where there are any; those of a voxel are made to agree first.
+fn replace_by_given(normals: &mut [[f64; 3]], given: &[[f64; 3]], grid: &VoxelGrid) {
+    let mut sums = vec![Vector3::zeros(); normals.len()];
+    for (row, &cell) in given.iter().zip(&grid.inverse) {
+        let n = Vector3::from(*row);
+        let sum: &mut Vector3<f64> = &mut sums[cell as usize];
+        *sum += if sum.dot(&n) < 0.0 { -n } else { n };
+    }
+    for (normal, sum) in normals.iter_mut().zip(sums) {
+        if let Some(unit) = sum.try_normalize(1e-9) {
+            *normal = unit.into();
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Uncertainty of the pose in the object frame, with the motions that the data does not fix.
+
+use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen};
+
+use crate::estimate::FreeDirection;
+
+/// What is known of the frame beside the axis itself.
+#[derive(Debug, Clone, Copy)]
+pub struct AlongAxis {
+    /// Standard deviation of the origin along the axis [length]; infinite when it is free.
+    pub slide: f64,
+    /// Standard deviation of the rotation about the axis [rad]; infinite when it is free.
+    pub yaw: f64,
+}
+
+/// Relative curvature below which an axis parameter counts as free.
+const RANK_TOLERANCE: f64 = 1e-9;
+
+/// The 6x6 covariance (rotation x y z [rad], translation x y z [length]; object frame) and its free directions.
+///
+/// `information` is J'WJ of the axis for residuals of unit variance (tilt about both tangents, shift along both, about
+/// the point of the axis), `sigma` their standard deviation, `radius` the size of the part, which makes tilt and shift
+/// comparable. `heading` turns the tangents into +x and +y; `height` is where the origin lies above the point of the
+/// axis. The Gauss-Newton information is a covariance for point-to-plane residuals only (Bonnabel et al.,
+/// arXiv 1410.7632).
+#[must_use]
+pub fn pose_covariance(
+    information: &Matrix4<f64>,
+    sigma: f64,
+    radius: f64,
+    heading: f64,
+    height: f64,
+    along: AlongAxis,
+) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
+    let mut free = Vec::new();
+    let scale = Matrix4::from_diagonal(&[1.0 / radius, 1.0 / radius, 1.0, 1.0].into());
+    let scaled = scale * information * scale;
+    let largest = scaled.diagonal().max();
+    let mut axis_covariance = Matrix4::zeros();
+    if let Some(eigen) = SymmetricEigen::try_new(scaled, f64::EPSILON, 100).filter(|_| largest > 0.0) {
+        let mut free_parameter = [false; 4];
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > RANK_TOLERANCE * largest {
+                axis_covariance += vector * vector.transpose() * (sigma * sigma / value);
+            } else {
+                for i in 0..4 {
+                    free_parameter[i] |= vector[i].abs() > 0.1;
+                }
+            }
+        }
+        axis_covariance = scale * axis_covariance * scale;
+        if free_parameter[0] || free_parameter[1] {
+            free.push(FreeDirection::Tilt);
+        }
+        if free_parameter[2] || free_parameter[3] {
+            free.push(FreeDirection::Shift);
+        }
+    } else {
+        free.extend([FreeDirection::Tilt, FreeDirection::Shift]);
+    }
+
+    // Tilting the axis about its point moves the origin, which lies `height` above: t += omega x (height z).
+    let (sin, cos) = heading.sin_cos();
+    let mut embed = SMatrix::<f64, 6, 4>::zeros();
+    for (row, column, value) in [(0, 0, cos), (0, 1, sin), (1, 0, -sin), (1, 1, cos)] {
+        embed[(row, column)] = value;
+        embed[(row + 3, column + 2)] = value;
+        // x moves by +height * omega_y, y by -height * omega_x.
+        let (moved, sign) = if row == 1 { (3, 1.0) } else { (4, -1.0) };
+        embed[(moved, column)] += sign * height * value;
+    }
+    let mut covariance = embed * axis_covariance * embed.transpose();
+    covariance[(2, 2)] = along.yaw * along.yaw;
+    covariance[(5, 5)] = along.slide * along.slide;
+    if along.yaw.is_infinite() {
+        free.insert(0, FreeDirection::Yaw);
+    }
+    if along.slide.is_infinite() {
+        free.push(FreeDirection::Slide);
+    }
+    for (direction, indices) in [(FreeDirection::Tilt, [0, 1]), (FreeDirection::Shift, [3, 4])] {
+        if free.contains(&direction) {
+            for i in indices {
+                covariance.set_row(i, &SVector::<f64, 6>::zeros().transpose());
+                covariance.set_column(i, &SVector::<f64, 6>::zeros());
+                covariance[(i, i)] = f64::INFINITY;
+            }
+        }
+    }
+    (std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])), free)
+}
