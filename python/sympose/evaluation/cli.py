@@ -1,0 +1,107 @@
+"""The command line: `sympose evaluate` and `python -m sympose.evaluation`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from sympose.errors import SymposeError
+from sympose.evaluation.methods import METHODS
+from sympose.evaluation.progress import ProgressBar
+from sympose.evaluation.runner import Store, cases, run
+from sympose.evaluation.scenario import STRESS, Scenario
+from sympose.evaluation.summary import report, write_csv, write_json
+
+__all__ = ["add_arguments", "evaluate", "main"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 2 bad usage or input."""
+    parser = argparse.ArgumentParser(prog="python -m sympose.evaluation", description=__doc__.splitlines()[0])
+    add_arguments(parser)
+    return evaluate(parser.parse_args(argv))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `evaluate` reads, so that `sympose evaluate` has the same options."""
+    parser.add_argument(
+        "--parts", default="own", help="own, or a folder of meshes with a manifest (default: own)"
+    )
+    parser.add_argument(
+        "--only", default="", help="only parts whose name or family holds one of these, by comma"
+    )
+    parser.add_argument(
+        "--every", action="store_true", help="also parts that are continuous or not symmetric"
+    )
+    parser.add_argument(
+        "--scenario", default="sphere", help="sphere, edge, upper, table or alone; several by comma"
+    )
+    parser.add_argument("--views", default="5", help="number of views; several by comma (default: 5)")
+    parser.add_argument(
+        "--sigma", default="1", help="noise in multiples of 0.001 of the depth; several by comma"
+    )
+    parser.add_argument("--stress", default="", help=f"several by comma, all at once: {', '.join(STRESS)}")
+    parser.add_argument("--clutter", type=int, default=0, help="boxes on the table")
+    parser.add_argument("--seeds", default="1-3", help="such as 1-3 or 1,5 (default: 1-3)")
+    parser.add_argument("--methods", default="default", help=f"several by comma: {', '.join(METHODS)}")
+    parser.add_argument(
+        "--out", default="out/evaluation", help="folder of the results (default: out/evaluation)"
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+
+
+def evaluate(options: argparse.Namespace) -> int:
+    """Run what the options say, write the results and print the tables."""
+    try:
+        out = Path(options.out)
+        places, methods = _words(options.scenario), _words(options.methods)
+        views, multiples = [int(n) for n in _words(options.views)], [float(k) for k in _words(options.sigma)]
+        stress = {key: value for name in _words(options.stress) for key, value in _stress(name).items()}
+        only = _words(options.only)
+        scenarios = [
+            Scenario(place, count, multiple, clutter=options.clutter if place == "table" else 0, **stress)
+            for place in places
+            for count in views
+            for multiple in multiples
+        ]
+        todo = cases(
+            options.parts,
+            scenarios,
+            _numbers(options.seeds),
+            methods,
+            every=options.every,
+            choose=lambda s: not only or any(word in f"{s.part.name} {s.part.family}" for word in only),
+        )
+        if not todo:
+            raise ValueError("nothing to run: no part fits --only and --methods")
+        rows = run(todo, Store(out / "rows.jsonl"), jobs=options.jobs, progress=ProgressBar())
+    except (SymposeError, ValueError, OSError, ImportError) as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    text = report(rows)
+    (out / "report.md").write_text(text, encoding="utf-8")
+    write_csv(rows, out / "rows.csv")
+    write_json(rows, out / "rows.json")
+    sys.stdout.write(text)
+    return 0
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _numbers(text: str) -> list[int]:
+    numbers: list[int] = []
+    for word in _words(text):
+        first, _, last = word.partition("-")
+        numbers += range(int(first), int(last or first) + 1)
+    return numbers
+
+
+def _stress(name: str) -> dict[str, Any]:
+    if name not in STRESS:
+        raise ValueError(f"there is no stress {name!r}; there are {', '.join(STRESS)}")
+    return STRESS[name]

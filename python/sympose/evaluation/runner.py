@@ -1,0 +1,200 @@
+"""Runs cases: one row for each scan and method, kept in a file, so that an interrupted run goes on."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+from sympose.errors import InvalidInputError
+from sympose.evaluation.measure import Row, failed, key_of, measure
+from sympose.evaluation.methods import applies, method
+from sympose.evaluation.scenario import Scenario, Subject, subjects
+
+__all__ = ["Case", "Store", "cases", "run"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scan and the methods to run on it; small, since it travels to other processes.
+
+    Attributes:
+        source: "own" or a folder, as for `subjects`.
+        part: Name of the part.
+        scenario, seed: The scan.
+        methods: Names of the columns.
+    """
+
+    source: str
+    part: str
+    scenario: Scenario
+    seed: int
+    methods: tuple[str, ...]
+
+    def row_keys(self) -> list[str]:
+        """Names of the rows that it gives."""
+        return [key_of(self.part, self.scenario.label, self.seed, name) for name in self.methods]
+
+
+def cases(
+    source: str,
+    scenarios: Iterable[Scenario],
+    seeds: Iterable[int],
+    methods: Sequence[str],
+    *,
+    every: bool = False,
+    choose: Callable[[Subject], bool] | None = None,
+) -> list[Case]:
+    """All combinations that make sense; the scans of one part lie together.
+
+    Raises:
+        InvalidInputError: There is no such method.
+        FileNotFoundError: The folder has no manifest.
+    """
+    for name in methods:
+        method(name)
+    scenarios, seeds = list(scenarios), list(seeds)
+    return [
+        Case(source, one.part.name, scenario, seed, names)
+        for one in subjects(source, every=every)
+        if (names := tuple(name for name in methods if applies(name, one)))
+        and (choose is None or choose(one))
+        for scenario in scenarios
+        for seed in seeds
+    ]
+
+
+class Store:
+    """Rows in a file of JSON lines; what an interrupted run left half written is dropped.
+
+    Args:
+        path: Made when it is missing.
+
+    Raises:
+        InvalidInputError: A line but the last is no row.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows: dict[str, Row] = {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists():
+            return
+        whole = ""
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        for number, line in enumerate(lines, 1):
+            try:
+                row = json.loads(line)
+                self.rows[row["key"]] = row
+            except (json.JSONDecodeError, KeyError, TypeError) as error:
+                if number < len(lines):
+                    raise InvalidInputError(f"{path}: line {number} is no row of an evaluation") from error
+                break
+            whole += line if line.endswith("\n") else line + "\n"
+        if whole != "".join(lines):
+            path.write_text(whole, encoding="utf-8")
+
+    def add(self, row: Row) -> None:
+        """Keep a row; it is on disk when this returns."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        self.rows[row["key"]] = row
+
+
+def run(
+    todo: Sequence[Case],
+    store: Store,
+    *,
+    jobs: int = 1,
+    progress: Callable[[int, int, str], object] | None = None,
+) -> list[Row]:
+    """Measure what `store` does not have yet.
+
+    Args:
+        todo: The cases.
+        store: Where rows are kept.
+        jobs: Processes; with 1 all is done in this one.
+        progress: Called with the rows done, the rows in all and the name of the last.
+
+    Returns:
+        The rows of all cases in their order, whether measured now or before.
+    """
+    wanted = [key for case in todo for key in case.row_keys()]
+    missing = [left for case in todo if (left := _left(case, store))]
+    done = len(wanted) - sum(len(case.methods) for case in missing)
+    if progress is not None:
+        progress(done, len(wanted), "")
+    for row in _in_this_process(missing) if jobs == 1 else _in_processes(missing, jobs):
+        store.add(row)
+        done += 1
+        if progress is not None:
+            progress(done, len(wanted), row["key"])
+    return [store.rows[key] for key in dict.fromkeys(wanted)]
+
+
+def _left(case: Case, store: Store) -> Case | None:
+    names = tuple(
+        name for name, key in zip(case.methods, case.row_keys(), strict=True) if key not in store.rows
+    )
+    return Case(case.source, case.part, case.scenario, case.seed, names) if names else None
+
+
+def _in_this_process(todo: Sequence[Case]) -> Iterator[Row]:
+    for case in todo:
+        yield from _rows(case)
+
+
+def _in_processes(todo: Sequence[Case], jobs: int) -> Iterator[Row]:
+    """Rows as they come. A process that dies takes the pool with it; the rest is then tried one by one."""
+    left = dict(enumerate(todo))
+    pool = _pool(jobs)
+    try:
+        futures: dict[Future[list[Row]], int] = {pool.submit(_all_rows, case): k for k, case in left.items()}
+        for future in as_completed(futures):
+            rows = future.result()
+            del left[futures[future]]
+            yield from rows
+    except BrokenProcessPool:
+        for case in left.values():
+            for name in case.methods:
+                single = Case(case.source, case.part, case.scenario, case.seed, (name,))
+                try:
+                    with _pool(1) as alone:
+                        rows = alone.submit(_all_rows, single).result()
+                except BrokenProcessPool as error:
+                    rows = [failed(_subject(case), case.scenario, case.seed, name, error)]
+                yield from rows
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    # Spawned, not forked: thread pools and ray tracers do not survive a fork.
+    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _all_rows(case: Case) -> list[Row]:
+    return list(_rows(case))
+
+
+def _rows(case: Case) -> Iterator[Row]:
+    subject = _subject(case)
+    try:
+        scan = case.scenario.scan(subject.part, case.seed)
+    except Exception as error:  # recorded for each method that now has nothing to work on
+        for name in case.methods:
+            yield failed(subject, case.scenario, case.seed, name, error)
+        return
+    for name in case.methods:
+        yield measure(subject, case.scenario, scan, case.seed, name)
+
+
+def _subject(case: Case) -> Subject:
+    for one in subjects(case.source, every=True):
+        if one.part.name == case.part:
+            return one
+    raise InvalidInputError(f"there is no part {case.part!r} in {case.source}")
