@@ -11,6 +11,8 @@ pub mod io;
 pub mod metrics;
 mod prepare;
 pub mod preprocess;
+#[cfg(feature = "python")]
+mod python;
 pub mod schema;
 pub mod spatial;
 pub mod symmetry;

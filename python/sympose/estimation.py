@@ -1,0 +1,144 @@
+"""The main call: `estimate`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from os import PathLike
+from typing import Any, Literal, Protocol, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sympose import _core
+from sympose._core import Estimate
+from sympose.arrays import as_points
+from sympose.camera import View
+from sympose.config import Config
+from sympose.errors import DeadlineExceededError, InsufficientDataError
+from sympose.scene import Scene
+
+__all__ = ["SceneLike", "estimate"]
+
+
+class _HasPoints(Protocol):
+    @property
+    def points(self) -> Any: ...
+
+
+class _HasVertices(Protocol):
+    @property
+    def vertices(self) -> Any: ...
+
+
+SceneLike: TypeAlias = ArrayLike | str | PathLike[str] | Scene | _HasPoints | _HasVertices
+Progress: TypeAlias = Callable[[str, float], object]
+
+
+def estimate(
+    scene: SceneLike,
+    *,
+    order: int | Literal["continuous"] | None = None,
+    viewpoints: ArrayLike | None = None,
+    normals: ArrayLike | None = None,
+    views: Sequence[View] | None = None,
+    roi: ArrayLike | None = None,
+    axis_hint: ArrayLike | None = None,
+    initial: Estimate | ArrayLike | None = None,
+    prefer: ArrayLike | None = None,
+    config: Config | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    timeout: float | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Find the pose of a rotationally symmetric part in a point cloud.
+
+    Args:
+        scene: (N, 3) points in any unit, the path of a file that `read` knows, a `Scene`, or anything with
+            `.points` or `.vertices` (Open3D, PyVista, trimesh). NaN points are left out.
+        order: Order of the symmetry, at least 2, or "continuous" for a surface of revolution. None: found.
+        viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and
+            tell free space, which makes the answer a good deal more certain.
+        normals: (N, 3), oriented or not; estimated where absent.
+        views: Pinhole views of the scene. With them, or with a scene that has them, the foreground is
+            segmented first; `views=()` leaves that out.
+        roi: (2, 3) lower and upper corner; points outside are ignored.
+        axis_hint: (3,) rough axis, sign ignored; the search stays within 30 degrees of it.
+        initial: Pose to start from, (4, 4) or an earlier estimate: for tracking. It is refined; only if that
+            fails is the axis searched.
+        prefer: (4, 4); among equivalent poses the one nearest to this is returned.
+        config: All other settings. An argument given here wins over the same setting in `config`.
+        seed: Seed of everything random; 0 leaves that of `config`.
+        threads: Worker threads, in a pool of its own; None: all cores. The result does not depend on it.
+        timeout: Seconds until `DeadlineExceededError`.
+        progress: Called in this thread with the stage and the share of the whole that is done. An exception
+            raised in it cancels the estimate and is raised here.
+
+    Returns:
+        The pose, how far to trust it, and what was done to find it.
+
+    Raises:
+        InvalidInputError: An argument or the file is wrong; the message says what was found.
+        InsufficientDataError: Too few points, or points that span no surface.
+        NoSymmetryError: No axis explains the cloud; `evidence` says how good the best one was.
+        DeadlineExceededError: The timeout passed.
+        OSError: The file cannot be read.
+    """
+    started = time.perf_counter()
+    given = {"order": order, "seed": seed or None, "threads": threads, "roi": roi, "axis_hint": axis_hint}
+    changes = {name: value for name, value in given.items() if value is not None}
+    settings = (config or Config()).replace(**changes)
+    source = _as_scene(scene)
+    views = source.views if views is None else tuple(views)
+    foreground, warnings = _segmented(source.points, views, settings.seed, progress)
+    if timeout is not None:
+        timeout -= time.perf_counter() - started
+        if timeout <= 0.0:
+            raise DeadlineExceededError("the deadline passed before the pose was searched for; raise timeout")
+    return _core.estimate(
+        source.points,
+        config=settings.to_json(),
+        viewpoints=source.viewpoints if viewpoints is None else viewpoints,
+        normals=source.normals if normals is None else normals,
+        foreground=foreground,
+        initial=initial.pose if isinstance(initial, Estimate) else initial,
+        prefer=prefer,
+        timeout=timeout,
+        progress=progress,
+        warnings=warnings,
+    )
+
+
+def _as_scene(scene: SceneLike) -> Scene:
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, (str, PathLike)):
+        from sympose.io import read
+
+        return read(scene)
+    if not isinstance(scene, (np.ndarray, list, tuple)):
+        # Open3D, PyVista and trimesh are known by what they have, so that none of them is imported.
+        for name in ("points", "vertices"):
+            if hasattr(scene, name):
+                return Scene(as_points(getattr(scene, name), f"scene.{name}"))
+    return Scene(as_points(cast(ArrayLike, scene), "scene"))
+
+
+def _segmented(
+    points: NDArray[np.float64], views: Sequence[View], seed: int, progress: Progress | None
+) -> tuple[NDArray[np.bool_] | None, list[str]]:
+    """The mask of the foreground, or None without views, and what the segmentation warns of."""
+    if not views:
+        return None, []
+    from sympose.segmentation import segment
+
+    if progress is not None:
+        progress("segment", 0.0)
+    segmentation = segment(points, views, seed=seed)
+    if not segmentation.mask.any():
+        raise InsufficientDataError(
+            f"segmentation: none of the {len(points)} points is foreground in the {len(views)} views; "
+            "check that world_from_camera takes camera to world coordinates, or pass views=()"
+        )
+    return segmentation.mask, list(segmentation.warnings)

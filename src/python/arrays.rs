@@ -1,0 +1,118 @@
+//! Arrays in and out. What comes in goes through `sympose.arrays`, the one converter of the package.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::errors;
+use crate::error::Error;
+
+/// Rows of an (N, 3) array of any real type and memory order, copied.
+///
+/// A copy, because the work runs without the GIL, when another Python thread may write to the array.
+pub(super) fn points(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
+    let array = value.py().import("sympose.arrays")?.call_method1("as_points", (value, name))?;
+    let array = array.cast::<PyArray2<f64>>()?.try_readonly()?;
+    // `as_points` returns C-order; a slice of a Fortran array would have columns for rows.
+    Ok(array.as_slice()?.as_chunks::<3>().0.to_vec())
+}
+
+/// [`points`] for a stage: finite, and at least one.
+pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<Vec<[f64; 3]>> {
+    let rows = points(value, "points")?;
+    check_finite(value.py(), &rows, "points")?;
+    if rows.is_empty() {
+        let hint = "the cloud is empty";
+        let empty = Error::InsufficientData { stage, needed: 1, got: 0, hint };
+        return Err(errors::exception(value.py(), empty));
+    }
+    Ok(rows)
+}
+
+/// Refuses rows with a NaN or infinite coordinate.
+pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyResult<()> {
+    let bad = rows.iter().filter(|row| row.iter().any(|x| !x.is_finite())).count();
+    if bad == 0 {
+        return Ok(());
+    }
+    let message =
+        format!("{bad} of {} rows of {name} have a NaN or infinite coordinate; remove them", rows.len());
+    Err(errors::invalid_input(py, message))
+}
+
+/// Rows of an (N, 3) array, or the one row of a (3,) array.
+pub(super) fn points_or_point(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
+    let rows = value.py().import("sympose.arrays")?.call_method1("as_floats", (value, name))?;
+    if rows.getattr("ndim")?.extract::<usize>()? == 1 {
+        return points(&rows.call_method1("reshape", (1, -1))?, name);
+    }
+    points(&rows, name)
+}
+
+/// Ascending indices of the rows that a (N,) boolean mask selects.
+pub(super) fn selected(mask: &Bound<'_, PyAny>, len: usize, name: &'static str) -> PyResult<Vec<u32>> {
+    let py = mask.py();
+    let mask = mask.cast::<PyArray1<bool>>()?.try_readonly()?;
+    let mask = mask.as_array();
+    if mask.len() != len {
+        return Err(errors::exception(
+            py,
+            Error::LengthMismatch { what: name, expected: len, got: mask.len() },
+        ));
+    }
+    Ok((0..).zip(mask.iter()).filter(|(_, kept)| **kept).map(|(row, _)| row).collect())
+}
+
+/// A rigid transform from a (4, 4) matrix.
+pub(super) fn isometry(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Isometry3<f64>> {
+    let matrix = value.py().import("sympose.camera")?.call_method1("as_rigid", (value, name))?;
+    let matrix = matrix.cast::<PyArray2<f64>>()?.try_readonly()?;
+    let matrix = matrix.as_array();
+    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|row, column| matrix[[row, column]]));
+    let translation = Translation3::new(matrix[[0, 3]], matrix[[1, 3]], matrix[[2, 3]]);
+    Ok(Isometry3::from_parts(translation, UnitQuaternion::from_rotation_matrix(&rotation)))
+}
+
+/// A new (N,) array.
+pub(super) fn vector<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>> {
+    PyArray1::from_vec(py, values)
+}
+
+/// A new (N, D) array, without a copy.
+pub(super) fn rows<const D: usize>(
+    py: Python<'_>,
+    rows: Vec<[f64; D]>,
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let shape = [rows.len(), D];
+    vector(py, rows.into_flattened()).reshape(shape)
+}
+
+/// A new (N,) array, or (N, columns) where a number of columns is given.
+pub(super) fn table<T: Element>(
+    py: Python<'_>,
+    values: Vec<T>,
+    columns: Option<usize>,
+) -> PyResult<Bound<'_, PyAny>> {
+    let Some(columns) = columns else { return Ok(vector(py, values).into_any()) };
+    let shape = [values.len() / columns, columns];
+    Ok(vector(py, values).reshape(shape)?.into_any())
+}
+
+/// A new (N,) array of int64, NumPy's own index type.
+pub(super) fn indices<'py>(py: Python<'py>, indices: &[u32]) -> Bound<'py, PyArray1<i64>> {
+    vector(py, indices.iter().map(|&index| i64::from(index)).collect())
+}
+
+/// The (4, 4) matrix of a rigid transform, by rows.
+pub(super) fn matrix(transform: &Isometry3<f64>) -> Vec<[f64; 4]> {
+    let matrix = transform.to_homogeneous();
+    (0..4).map(|row| std::array::from_fn(|column| matrix[(row, column)])).collect()
+}
+
+/// Takes the right to write from an array that a result hands out.
+pub(super) fn freeze(array: &Bound<'_, PyAny>) -> PyResult<()> {
+    let flags = PyDict::new(array.py());
+    flags.set_item("write", false)?;
+    array.call_method("setflags", (), Some(&flags)).map(drop)
+}

@@ -1,0 +1,146 @@
+//! The main call: an estimate on a worker thread, while the calling thread listens for Ctrl-C and reports progress.
+
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+
+use super::estimate::PyEstimate;
+use super::input::Input;
+use super::{arrays, config, errors, pool};
+use crate::control::{CancelToken, Control};
+use crate::error::Result;
+use crate::estimate::{Estimator, Request};
+
+/// How often a waiting call looks for signals: Ctrl-C is answered within this time and one step of the estimate.
+const SIGNAL_INTERVAL: Duration = Duration::from_millis(30);
+
+/// Estimate the pose of the part in a cloud; `sympose.estimate` is the call for users.
+///
+/// Args:
+///     points: (N, 3).
+///     viewpoints: (3,) or (N, 3), or None.
+///     normals: (N, 3), or None.
+///     config: Settings as JSON.
+///     foreground: (N,) bool, or None: the rest is left out, but `inliers` still index all points.
+///     initial: (4, 4), or None.
+///     prefer: (4, 4), or None.
+///     timeout: Seconds, or None.
+///     progress: Called with the stage and the share that is done, in the calling thread.
+///     warnings: Put before those of the estimate.
+#[pyfunction]
+#[pyo3(signature = (
+    points, *, config, viewpoints=None, normals=None, foreground=None, initial=None, prefer=None, timeout=None,
+    progress=None, warnings=Vec::new()
+))]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
+pub(super) fn estimate(
+    py: Python<'_>,
+    points: &Bound<'_, PyAny>,
+    config: &str,
+    viewpoints: Option<&Bound<'_, PyAny>>,
+    normals: Option<&Bound<'_, PyAny>>,
+    foreground: Option<&Bound<'_, PyAny>>,
+    initial: Option<&Bound<'_, PyAny>>,
+    prefer: Option<&Bound<'_, PyAny>>,
+    timeout: Option<f64>,
+    progress: Option<Py<PyAny>>,
+    warnings: Vec<String>,
+) -> PyResult<PyEstimate> {
+    let mut control = Control::new();
+    if let Some(seconds) = timeout {
+        control = control.with_timeout(duration(py, seconds)?);
+    }
+    let input = Input::new(points, viewpoints, normals, foreground)?;
+    let initial = initial.map(|value| arrays::isometry(value, "initial")).transpose()?;
+    let prefer = prefer.map(|value| arrays::isometry(value, "prefer")).transpose()?;
+    let mut config = config::parse(py, config)?;
+    // The global pool of rayon does not survive a fork, so that every call has one of its own.
+    config.threads = config.threads.or_else(|| Some(pool::all_cores()));
+
+    let mut estimate = interruptible(py, control, progress, move |control| {
+        let estimator = Estimator::new(config)?;
+        let (cloud, rows) = input.into_cloud()?;
+        let mut estimate = estimator.estimate_with(&cloud, &Request { control, initial, prefer })?;
+        if let Some(rows) = rows {
+            estimate.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
+        }
+        Ok(estimate)
+    })?;
+    estimate.warnings.splice(0..0, warnings);
+    PyEstimate::new(py, estimate)
+}
+
+fn duration(py: Python<'_>, seconds: f64) -> PyResult<Duration> {
+    if seconds > 0.0 {
+        // Beyond 584 billion years there is no deadline.
+        return Ok(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    }
+    Err(errors::invalid_input(
+        py,
+        format!("timeout = {seconds}: expected a positive number of seconds, or None"),
+    ))
+}
+
+/// Runs `job` on a thread of its own with the GIL released. Ctrl-C, and an exception raised in `progress`, cancel it
+/// and are raised here.
+fn interruptible<T: Send>(
+    py: Python<'_>,
+    control: Control,
+    progress: Option<Py<PyAny>>,
+    job: impl FnOnce(Control) -> Result<T> + Send,
+) -> PyResult<T> {
+    let cancel = CancelToken::default();
+    // Progress is sent to the calling thread, so that no worker ever waits for the GIL.
+    let (sender, reports) = mpsc::channel();
+    let report = sender.clone();
+    let control = control.with_cancel(cancel.clone()).with_progress(move |stage, fraction| {
+        // Nobody listens any more once the call is over.
+        let _ = report.send((stage, fraction));
+    });
+
+    let (outcome, interruption) = py.detach(move || {
+        thread::scope(move |scope| {
+            let worker = scope.spawn(move || {
+                let outcome = job(control);
+                drop(sender);
+                outcome
+            });
+            let mut interruption = None;
+            loop {
+                let report = match reports.recv_timeout(SIGNAL_INTERVAL) {
+                    Ok(report) => Some(report),
+                    Err(RecvTimeoutError::Timeout) => None,
+                    // Every sender is gone with the job.
+                    Err(RecvTimeoutError::Disconnected) => break,
+                };
+                if interruption.is_none() {
+                    interruption = Python::attach(|py| listen(py, progress.as_ref(), report)).err();
+                    if interruption.is_some() {
+                        cancel.cancel();
+                    }
+                }
+            }
+            (worker.join(), interruption)
+        })
+    });
+    if let Some(interruption) = interruption {
+        return Err(interruption);
+    }
+    match outcome {
+        Ok(outcome) => outcome.map_err(|error| errors::exception(py, error)),
+        Err(_) => Err(errors::internal(
+            py,
+            "the estimate ended with a panic, which is a bug of sympose; please report it",
+        )),
+    }
+}
+
+fn listen(py: Python<'_>, progress: Option<&Py<PyAny>>, report: Option<(&'static str, f64)>) -> PyResult<()> {
+    py.check_signals()?;
+    if let (Some(progress), Some(report)) = (progress, report) {
+        progress.call1(py, report)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,41 @@
+//! The configuration as JSON: defaults, checks and TOML for `sympose.config`.
+
+use pyo3::prelude::*;
+
+use super::{errors, json};
+use crate::config::Config;
+
+/// Every setting with its default, as JSON.
+#[pyfunction]
+pub(super) fn default_config(py: Python<'_>) -> PyResult<String> {
+    json::to_text(py, &Config::default())
+}
+
+/// The settings of the paper's method, as JSON.
+#[pyfunction]
+pub(super) fn paper_config(py: Python<'_>) -> PyResult<String> {
+    json::to_text(py, &Config::paper())
+}
+
+/// Check settings given as JSON; return all of them, as JSON.
+#[pyfunction]
+pub(super) fn check_config(py: Python<'_>, config: &str) -> PyResult<String> {
+    json::to_text(py, &parse(py, config)?)
+}
+
+/// The TOML of settings given as JSON; settings without a value are left out.
+#[pyfunction]
+pub(super) fn config_to_toml(py: Python<'_>, config: &str) -> PyResult<String> {
+    toml::to_string(&parse(py, config)?).map_err(|error| errors::invalid_input(py, error.to_string()))
+}
+
+/// A checked configuration from JSON.
+pub(super) fn parse(py: Python<'_>, config: &str) -> PyResult<Config> {
+    // By way of a value, since the line and column of JSON that nobody wrote would only confuse.
+    let value: serde_json::Value =
+        serde_json::from_str(config).map_err(|error| errors::invalid_input(py, error.to_string()))?;
+    let config: Config = serde_path_to_error::deserialize(value)
+        .map_err(|error| errors::invalid_input(py, format!("{}: {}", error.path(), error.inner())))?;
+    config.validate().map_err(|error| errors::exception(py, error))?;
+    Ok(config)
+}

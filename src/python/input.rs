@@ -1,0 +1,58 @@
+//! The cloud of a call, and the part of it that is used.
+
+use pyo3::prelude::*;
+
+use super::arrays;
+use crate::cloud::PointCloud;
+use crate::error::{Error, Result};
+
+/// What a call gives about the points, copied out of Python.
+pub(super) struct Input {
+    points: Vec<[f64; 3]>,
+    viewpoints: Option<Vec<[f64; 3]>>,
+    normals: Option<Vec<[f64; 3]>>,
+    /// Rows that are used; all where there is no mask.
+    foreground: Option<Vec<u32>>,
+}
+
+impl Input {
+    pub(super) fn new(
+        points: &Bound<'_, PyAny>,
+        viewpoints: Option<&Bound<'_, PyAny>>,
+        normals: Option<&Bound<'_, PyAny>>,
+        foreground: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let points = arrays::points(points, "points")?;
+        Ok(Self {
+            viewpoints: viewpoints.map(|value| arrays::points_or_point(value, "viewpoints")).transpose()?,
+            normals: normals.map(|value| arrays::points(value, "normals")).transpose()?,
+            foreground: foreground
+                .map(|mask| arrays::selected(mask, points.len(), "foreground"))
+                .transpose()?,
+            points,
+        })
+    }
+
+    /// The cloud, and for each of its points the row that it was given in, where that differs.
+    pub(super) fn into_cloud(self) -> Result<(PointCloud, Option<Vec<u32>>)> {
+        let Self { points, viewpoints, normals, foreground } = self;
+        let len = points.len();
+        let select = |what: &'static str, rows: Vec<[f64; 3]>| match &foreground {
+            // One viewpoint stands for all points.
+            Some(_) if what == "viewpoints" && rows.len() == 1 => Ok(rows),
+            Some(_) if rows.len() != len => {
+                Err(Error::LengthMismatch { what, expected: len, got: rows.len() })
+            }
+            Some(used) => Ok(used.iter().map(|&row| rows[row as usize]).collect()),
+            None => Ok(rows),
+        };
+        let mut cloud = PointCloud::from_points(select("points", points)?)?;
+        if let Some(viewpoints) = viewpoints {
+            cloud = cloud.with_viewpoints(select("viewpoints", viewpoints)?)?;
+        }
+        if let Some(normals) = normals {
+            cloud = cloud.with_normals(select("normals", normals)?)?;
+        }
+        Ok((cloud, foreground))
+    }
+}

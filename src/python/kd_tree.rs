@@ -1,0 +1,138 @@
+//! `sympose.KdTree`.
+
+use pyo3::exceptions::PyMemoryError;
+use pyo3::prelude::*;
+
+use super::{arrays, errors, pool};
+use crate::spatial::KdTree;
+
+/// Nearest neighbours among (N, 3) points, by Euclidean distance.
+///
+/// Args:
+///     points: (N, 3), finite, at least one; any real type and memory order. They are copied.
+///
+/// Raises:
+///     InvalidInputError: Not (N, 3), or NaN or infinite coordinates.
+///     InsufficientDataError: No point.
+///
+/// Example:
+///     >>> from sympose import KdTree
+///     >>> tree = KdTree([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+///     >>> distance, index = tree.query([[0.75, 0.0, 0.0]])
+///     >>> distance.tolist(), index.tolist()
+///     ([0.25], [1])
+#[pyclass(frozen, module = "sympose", name = "KdTree")]
+pub(super) struct PyKdTree(KdTree);
+
+#[pymethods]
+impl PyKdTree {
+    #[new]
+    fn new(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let points = arrays::points(points, "points")?;
+        pool::run(py, || KdTree::new(&points)).map(Self)
+    }
+
+    /// Find the nearest points of the tree.
+    ///
+    /// Args:
+    ///     points: (N, 3) queries, finite.
+    ///     k: Neighbours of each query, at least 1.
+    ///
+    /// Returns:
+    ///     distance and index, nearest first: (N,) for k = 1, else (N, k). The distance is Euclidean, in the unit
+    ///     of the points. Where the tree has fewer than k points, the rest is filled with the distance inf and
+    ///     the index len(tree), as in SciPy.
+    ///
+    /// Raises:
+    ///     InvalidInputError: Not (N, 3), NaN or infinite coordinates, or k below 1.
+    ///
+    /// Example:
+    ///     >>> from sympose import KdTree
+    ///     >>> tree = KdTree([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    ///     >>> distance, index = tree.query([[0.75, 0.0, 0.0]], k=3)
+    ///     >>> distance.tolist(), index.tolist()
+    ///     ([[0.25, 0.75, inf]], [[1, 0, 2]])
+    #[pyo3(signature = (points, k=1))]
+    fn query<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+        k: i64,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let queries = arrays::points(points, "points")?;
+        arrays::check_finite(py, &queries, "points")?;
+        let count = usize::try_from(k).ok().filter(|&k| k >= 1);
+        let Some(k) = count else {
+            return Err(errors::invalid_input(py, format!("k = {k}: expected at least 1 neighbour")));
+        };
+        let len = self.0.len();
+        let cells = queries.len().saturating_mul(k);
+        let (mut distances, mut indices) = (Vec::new(), Vec::new());
+        if distances.try_reserve_exact(cells).and_then(|()| indices.try_reserve_exact(cells)).is_err() {
+            return Err(PyMemoryError::new_err(format!(
+                "no memory for {k} neighbours of {} queries",
+                queries.len()
+            )));
+        }
+        let (distances, indices) = pool::run(py, move || {
+            distances.resize(cells, f64::INFINITY);
+            indices.resize(cells, len as i64);
+            let found = self.0.k_nearest_batch(&queries, k);
+            for (row, neighbors) in found.into_iter().enumerate() {
+                for (column, neighbor) in neighbors.into_iter().enumerate() {
+                    distances[row * k + column] = neighbor.distance_sq.sqrt();
+                    indices[row * k + column] = i64::from(neighbor.index);
+                }
+            }
+            Ok((distances, indices))
+        })?;
+        let columns = (k > 1).then_some(k);
+        Ok((arrays::table(py, distances, columns)?, arrays::table(py, indices, columns)?))
+    }
+
+    /// Find all points of the tree within a radius.
+    ///
+    /// Args:
+    ///     points: (N, 3) queries, finite.
+    ///     radius: Inclusive, in the unit of the points; positive.
+    ///
+    /// Returns:
+    ///     For each query the ascending indices (m,) of the points within the radius.
+    ///
+    /// Raises:
+    ///     InvalidInputError: Not (N, 3), NaN or infinite coordinates, or a radius that is not positive.
+    ///
+    /// Example:
+    ///     >>> from sympose import KdTree
+    ///     >>> tree = KdTree([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    ///     >>> [found.tolist() for found in tree.query_radius([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]], 1.0)]
+    ///     [[0, 1], []]
+    fn query_radius<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+        radius: f64,
+    ) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let queries = arrays::points(points, "points")?;
+        arrays::check_finite(py, &queries, "points")?;
+        if !(radius > 0.0 && radius.is_finite()) {
+            return Err(errors::invalid_input(
+                py,
+                format!("radius = {radius}: expected a positive, finite number"),
+            ));
+        }
+        let found = pool::run(py, || Ok(self.0.within_batch(&queries, radius)))?;
+        let indices = |neighbors: Vec<crate::spatial::Neighbor>| {
+            arrays::vector(py, neighbors.into_iter().map(|n| i64::from(n.index)).collect()).into_any()
+        };
+        Ok(found.into_iter().map(indices).collect())
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("KdTree({} points)", self.0.len())
+    }
+}
