@@ -91,8 +91,8 @@ pub(super) fn estimate_text(estimate: &Estimate) -> String {
         let sigma = estimate.covariance[index][index].sqrt();
         let shown = match index {
             _ if !sigma.is_finite() => "free".to_owned(),
-            0..3 => format!("{} deg", number(sigma.to_degrees())),
-            _ => number(sigma),
+            0..3 => format!("{} deg", significant(sigma.to_degrees(), 3)),
+            _ => significant(sigma, 3),
         };
         let _ = writeln!(text, "  {name:<10} {shown:>16}");
     }
@@ -124,12 +124,17 @@ fn row<const N: usize>(values: &[f64; N]) -> String {
     values.iter().map(|value| format!("{:>16}", number(*value))).collect()
 }
 
-/// Eight significant digits, without an exponent where the number can do without.
 fn number(value: f64) -> String {
+    significant(value, 8)
+}
+
+/// So many significant digits, without an exponent where the number can do without.
+fn significant(value: f64, digits: usize) -> String {
     let magnitude = value.abs();
     if magnitude != 0.0 && !(1e-6..1e9).contains(&magnitude) {
-        return format!("{value:.7e}");
+        return format!("{value:.*e}", digits - 1);
     }
-    let digits_before = if magnitude < 1.0 { 0 } else { magnitude.log10() as usize + 1 };
-    format!("{value:.*}", 8_usize.saturating_sub(digits_before))
+    // Zeros after the point are not significant, but at most a few of them are wanted.
+    let before = if magnitude == 0.0 { 0 } else { (magnitude.log10().floor() as i32 + 1).max(-3) };
+    format!("{value:.*}", usize::try_from(digits as i32 - before).unwrap_or(0))
 }
