@@ -17,7 +17,7 @@ use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
 use crate::symmetry::propose::{Proposal, propose};
-use crate::symmetry::refine::{Refined, align, refine_jointly};
+use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
 use crate::symmetry::score::match_score;
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
@@ -352,8 +352,9 @@ impl Estimator {
         let coarse = surface.samples.strided(COARSE);
         let near =
             align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
+        let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
         let aligned =
-            align(surface, &surface.samples, near.axis, &turns, *residual, [last_gate; 2], params, control)?;
+            align(surface, &surface.samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
         refine_jointly(surface, &aligned, order, *residual, self.config.joint, params, control)
     }
 

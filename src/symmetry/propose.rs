@@ -20,19 +20,17 @@ use crate::symmetry::visibility::Visibility;
 pub struct ProposeParams {
     /// Search all directions; otherwise only the paper's start is used: plane normal and centroid.
     pub search: bool,
-    /// Starting directions, spread over the half sphere.
+    /// Starting directions, spread over the half sphere [count].
     pub directions: usize,
-    /// Points on which a starting direction is aligned and scored.
-    pub samples: usize,
-    /// Distinct axes that are aligned again on more points.
-    pub kept: usize,
-    /// Points on which these are aligned and scored.
-    pub kept_samples: usize,
-    /// Rotations used, at most.
+    /// Points on which the axes of each round are aligned and scored [count].
+    pub samples: [usize; 3],
+    /// Distinct axes that survive each round [count].
+    pub kept: [usize; 3],
+    /// Rotations used, at most [count].
     pub max_turns: usize,
-    /// First gate on the distance of a match [diameters].
+    /// First gate on the distance of a match; each round ends at half of it, the last at the spacing [diameters].
     pub gate: f64,
-    /// Axes closer than this [rad] are the same.
+    /// Axes closer than this are the same [rad].
     pub distinct_angle: f64,
     /// Largest angle from the hint of the user [rad].
     pub max_hint_angle: f64,
@@ -43,9 +41,8 @@ impl Default for ProposeParams {
         Self {
             search: true,
             directions: 60,
-            samples: 400,
-            kept: 8,
-            kept_samples: 2000,
+            samples: [200, 400, 1000],
+            kept: [24, 8, 8],
             max_turns: 4,
             gate: 0.12,
             distinct_angle: 0.1,
@@ -129,31 +126,31 @@ pub fn propose(
     }
     starts.retain(admitted);
 
-    let gates = [params.gate * diameter, (0.25 * params.gate * diameter).max(2.0 * surface.spacing)];
-    let coarse = surface.samples.strided(params.samples);
-    let first = trial(surface, &coarse, turns, gates, 2, visibility, &starts, control)?;
-    let kept = distinct(first, params.kept, params.distinct_angle, &admitted);
-
-    let gates = [gates[1], 3.0 * surface.spacing];
-    let fine = surface.samples.strided(params.kept_samples);
-    let starts: Vec<Axis> = kept.iter().map(|p| p.axis).collect();
-    let second = trial(surface, &fine, turns, gates, 4, visibility, &starts, control)?;
-    Ok(distinct(second, params.kept, 0.3 * params.distinct_angle, &admitted))
+    let finest = 3.0 * surface.spacing;
+    let gate = |halvings: i32| (params.gate * diameter * 0.5f64.powi(halvings)).max(finest);
+    let mut proposals = Vec::new();
+    for (round, (&samples, &kept)) in params.samples.iter().zip(&params.kept).enumerate() {
+        let last = round + 1 == params.samples.len();
+        let gates = [gate(round as i32), if last { finest } else { gate(round as i32 + 1) }];
+        let samples = surface.samples.strided(samples);
+        let tried = trial(surface, &samples, turns, gates, visibility, &starts, control)?;
+        proposals = distinct(tried, kept, params.distinct_angle * 0.5f64.powi(round as i32), &admitted);
+        starts = proposals.iter().map(|p| p.axis).collect();
+    }
+    Ok(proposals)
 }
 
 /// Aligns and scores each start on `samples`.
-#[allow(clippy::too_many_arguments)]
 fn trial(
     surface: &Surface,
     samples: &Samples,
     turns: &Turns,
     gates: [f64; 2],
-    rounds: usize,
     visibility: Option<&Visibility>,
     starts: &[Axis],
     control: &Control,
 ) -> Result<Vec<Proposal>> {
-    let refine = RefineParams { max_rounds: rounds, max_normal_angle: 0.8, ..RefineParams::default() };
+    let refine = RefineParams { max_rounds: 3, max_normal_angle: 0.8, ..RefineParams::default() };
     let gate = Gate { distance: gates[1], cosine: refine.max_normal_angle.cos() };
     starts
         .par_iter()

@@ -27,8 +27,10 @@ pub struct RefineParams {
     pub max_normal_angle: f64,
     /// Width of Huber's loss [standard deviations of the residual].
     pub huber_width: f64,
-    /// Rounds of matching, at most.
+    /// Rounds of matching on a part of the points, at most.
     pub max_rounds: usize,
+    /// Rounds of matching on all points, at most.
+    pub max_full_rounds: usize,
     /// Motion of the axis below which a round counts as converged [point spacings at the rim].
     pub tolerance: f64,
     /// Weight of a point's own measurement against one match in the joint optimisation.
@@ -39,11 +41,12 @@ impl Default for RefineParams {
     fn default() -> Self {
         Self {
             max_turns: 6,
-            max_joint_turns: 12,
+            max_joint_turns: 8,
             gate: 2.0,
             max_normal_angle: 0.6,
             huber_width: 1.345,
-            max_rounds: 40,
+            max_rounds: 30,
+            max_full_rounds: 3,
             tolerance: 1e-3,
             anchor: 1.0,
         }
@@ -67,7 +70,7 @@ pub struct Refined {
     pub converged: bool,
     /// J'WJ of the four axis parameters at the solution, for residuals of unit variance.
     pub information: Matrix4<f64>,
-    /// Robust joint cost per match after each accepted round of the joint optimisation.
+    /// Robust joint cost per match before and after the joint optimisation [squared length].
     pub costs: Vec<f64>,
 }
 
@@ -140,7 +143,7 @@ pub fn align(
                 anchor: params.anchor,
                 max_offset: 0.0,
             };
-            let solved = minimize(problem, Unknowns { axis, offsets: Vec::new() }, 2)?;
+            let solved = minimize(problem, Unknowns { axis, offsets: Vec::new() }, 1)?;
             let moved = solved.axis.recentered(&centroid);
             let step = motion(&axis, &moved, radius);
             axis = moved;
@@ -148,7 +151,7 @@ pub fn align(
             refined.sigma = sigma;
             refined.share = correspondences.share();
             refined.converged = step < params.tolerance * surface.spacing;
-            if refined.converged || (!last && step < 0.05 * distance) {
+            if refined.converged || (!last && step < 0.1 * distance) {
                 break;
             }
         }
@@ -175,45 +178,38 @@ pub fn refine_jointly(
     let radius = rim(surface, &centroid);
     let turns = Turns::all(order, params.max_joint_turns);
     let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
-    let mut unknowns = Unknowns {
-        axis: aligned.axis,
-        offsets: if joint { vec![Vector3::zeros(); surface.len()] } else { Vec::new() },
+    let offsets = if joint { vec![Vector3::zeros(); surface.len()] } else { Vec::new() };
+    let mut unknowns = Unknowns { axis: aligned.axis, offsets };
+    control.check()?;
+    let samples = &surface.samples;
+    let correspondences = Correspondences::find(surface, samples, &unknowns.axis, &turns, gate);
+    let mut found = residuals(surface, samples, &unknowns.axis, &turns, &correspondences, residual);
+    let sigma = robust_sigma(&mut found).max(1e-9 * radius);
+    let problem = || SelfAlignment {
+        surface,
+        samples,
+        turns: &turns,
+        correspondences: &correspondences,
+        residual,
+        loss: Huber { width: params.huber_width * sigma },
+        anchor: params.anchor,
+        max_offset: surface.spacing,
     };
-    let mut refined = aligned.clone();
-    let rounds = if joint { 3 } else { 1 };
-    for _ in 0..rounds {
-        control.check()?;
-        let correspondences = Correspondences::find(surface, &surface.samples, &unknowns.axis, &turns, gate);
-        let mut found =
-            residuals(surface, &surface.samples, &unknowns.axis, &turns, &correspondences, residual);
-        let sigma = robust_sigma(&mut found).max(1e-9 * radius);
-        let problem = || SelfAlignment {
-            surface,
-            samples: &surface.samples,
-            turns: &turns,
-            correspondences: &correspondences,
-            residual,
-            loss: Huber { width: params.huber_width * sigma },
-            anchor: params.anchor,
-            max_offset: surface.spacing,
-        };
-        let before = unknowns.axis;
-        if joint {
-            unknowns = minimize(problem(), unknowns, 3)?;
-            unknowns.axis = unknowns.axis.recentered(&centroid);
-        }
-        let linear = problem().linearize(&unknowns)?;
-        refined.information = linear.hessian;
-        refined.costs.push(linear.cost / correspondences.count().max(1) as f64);
-        refined.sigma = sigma;
-        refined.share = correspondences.share();
-        if motion(&before, &unknowns.axis, radius) < params.tolerance * surface.spacing {
-            break;
-        }
+    let before = problem().cost(&unknowns)?;
+    if joint {
+        unknowns = minimize(problem(), unknowns, 4)?;
     }
-    refined.axis = unknowns.axis;
-    refined.offsets = unknowns.offsets;
-    Ok(refined)
+    let linear = problem().linearize(&unknowns)?;
+    let matches = correspondences.count().max(1) as f64;
+    Ok(Refined {
+        axis: unknowns.axis.recentered(&centroid),
+        offsets: unknowns.offsets,
+        sigma,
+        share: correspondences.share(),
+        information: linear.hessian,
+        costs: vec![before / matches, linear.cost / matches],
+        ..aligned.clone()
+    })
 }
 
 /// Root mean square distance of the points from their centroid [length].

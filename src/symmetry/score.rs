@@ -19,6 +19,9 @@ pub struct MatchScore {
     pub unseen: usize,
 }
 
+/// Weight of a point that was seen to be wrong against one that matched.
+const CONTRADICTED: f64 = 2.0;
+
 /// Weight of a point of which nothing is known against one that was seen to be wrong; it keeps an axis that turns the
 /// whole part out of sight from scoring well.
 const UNSEEN: f64 = 0.1;
@@ -27,7 +30,7 @@ impl MatchScore {
     /// Share of the evidence that agrees, in [0, 1].
     #[must_use]
     pub fn value(&self) -> f64 {
-        let against = self.contradicted as f64 + UNSEEN * self.unseen as f64;
+        let against = CONTRADICTED * self.contradicted as f64 + UNSEEN * self.unseen as f64;
         let total = self.matched as f64 + against;
         if total > 0.0 { self.matched as f64 / total } else { 0.0 }
     }
