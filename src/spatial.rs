@@ -9,6 +9,11 @@ use crate::error::{Error, Result};
 
 type Metric = SquaredEuclidean<f64>;
 
+/// Points that are looked at to tell whether a cloud is full of duplicates.
+const DUPLICATE_SAMPLE: usize = 1024;
+/// Duplicates among them from which on coinciding points share one place in the tree.
+const DUPLICATE_LIMIT: usize = 4;
+
 /// A point of the tree and its squared distance from the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbor {
@@ -20,6 +25,10 @@ pub struct Neighbor {
 
 /// A static k-d tree over 3-D points; building is O(N log N), a nearest-neighbour query O(log N).
 ///
+/// Neighbours come in order of distance, at equal distance in order of index. Which of several points at exactly the
+/// same distance is the nearest or the k-th is up to the tree, but always the same one. Queries must be finite; one
+/// that is not finds nothing of meaning.
+///
 /// ```
 /// use sympose::spatial::KdTree;
 /// let tree = KdTree::new(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])?;
@@ -29,6 +38,8 @@ pub struct Neighbor {
 /// ```
 pub struct KdTree {
     tree: ImmutableKdTree<f64, 3>,
+    /// Where points coincide: the tree holds every place once.
+    places: Option<Places>,
     len: usize,
 }
 
@@ -50,12 +61,19 @@ impl KdTree {
         if non_finite > 0 {
             return Err(Error::NonFinite { count: non_finite, total: points.len() });
         }
-        let tree = ImmutableKdTree::new_from_slice(points).map_err(|e| Error::InvalidParameter {
+        // A leaf cannot be split between coinciding points; with many of them every query would scan them all.
+        let places =
+            (u32::try_from(points.len()).is_ok() && full_of_duplicates(points)).then(|| Places::new(points));
+        let tree = match &places {
+            Some(places) => ImmutableKdTree::new_from_slice(&places.positions(points)),
+            None => ImmutableKdTree::new_from_slice(points),
+        };
+        let tree = tree.map_err(|e| Error::InvalidParameter {
             name: "points",
             value: e.to_string(),
             expected: "at most 4,294,967,295 points",
         })?;
-        Ok(Self { tree, len: points.len() })
+        Ok(Self { tree, places, len: points.len() })
     }
 
     /// Number of points in the tree.
@@ -70,26 +88,30 @@ impl KdTree {
         self.len == 0
     }
 
-    /// The nearest point of the tree.
+    /// The nearest point of the tree; of coinciding ones the first.
     #[must_use]
     pub fn nearest(&self, query: &[f64; 3]) -> Neighbor {
         let found = self.tree.query(query).nearest_one::<Metric>().execute();
-        Neighbor { index: found.item, distance_sq: found.distance }
+        let index = self.places.as_ref().map_or(found.item, |places| places.at(found.item)[0]);
+        Neighbor { index, distance_sq: found.distance }
     }
 
     /// The nearest point within `radius` (inclusive), if there is one.
     #[must_use]
     pub fn nearest_within(&self, query: &[f64; 3], radius: f64) -> Option<Neighbor> {
         let found = self.nearest(query);
-        (found.distance_sq <= radius * radius).then_some(found)
+        (radius >= 0.0 && found.distance_sq <= radius * radius).then_some(found)
     }
 
     /// The `k` nearest points, nearest first; fewer when the tree holds fewer. A point of the tree finds itself.
     #[must_use]
     pub fn k_nearest(&self, query: &[f64; 3], k: usize) -> Vec<Neighbor> {
-        let Some(k) = NonZero::new(k.min(self.len)) else { return Vec::new() };
-        let found = self.tree.query(query).nearest_n::<Metric>(k).execute();
-        found.into_iter().map(|n| Neighbor { index: n.item, distance_sq: n.distance }).collect()
+        let Some(places) = NonZero::new(k.min(self.len)) else { return Vec::new() };
+        let found = self.tree.query(query).nearest_n::<Metric>(places).execute();
+        let mut neighbors = self.expand(found.into_iter().map(|n| (n.item, n.distance)), k);
+        sort(&mut neighbors);
+        neighbors.truncate(k);
+        neighbors
     }
 
     /// The nearest point that does not coincide with the query, if there is one.
@@ -106,19 +128,14 @@ impl KdTree {
         }
     }
 
-    /// Number of points within `radius` (inclusive), but counting no further than `limit`.
-    #[must_use]
-    pub fn count_within(&self, query: &[f64; 3], radius: f64, limit: usize) -> usize {
-        let Some(limit) = NonZero::new(limit.min(self.len)) else { return 0 };
-        self.tree.query(query).nearest_n::<Metric>(limit).within(radius * radius).unsorted().execute().len()
-    }
-
     /// All points within `radius` (inclusive), in ascending order of index.
     #[must_use]
     pub fn within(&self, query: &[f64; 3], radius: f64) -> Vec<Neighbor> {
+        if radius.is_nan() || radius < 0.0 {
+            return Vec::new();
+        }
         let found = self.tree.query(query).within::<Metric>(radius * radius).unsorted().execute();
-        let mut neighbors: Vec<_> =
-            found.into_iter().map(|n| Neighbor { index: n.item, distance_sq: n.distance }).collect();
+        let mut neighbors = self.expand(found.into_iter().map(|n| (n.item, n.distance)), usize::MAX);
         neighbors.sort_unstable_by_key(|n| n.index);
         neighbors
     }
@@ -140,10 +157,74 @@ impl KdTree {
     pub fn within_batch(&self, queries: &[[f64; 3]], radius: f64) -> Vec<Vec<Neighbor>> {
         queries.par_iter().with_min_len(64).map(|q| self.within(q, radius)).collect()
     }
+
+    /// The points at the places found, at most `limit` (or those of one place more).
+    fn expand(&self, found: impl Iterator<Item = (u32, f64)>, limit: usize) -> Vec<Neighbor> {
+        let Some(places) = &self.places else {
+            return found.map(|(index, distance_sq)| Neighbor { index, distance_sq }).collect();
+        };
+        let mut neighbors: Vec<Neighbor> = Vec::new();
+        for (place, distance_sq) in found {
+            // Another place at the distance of the last one may hold points of lower index.
+            if neighbors.len() >= limit && neighbors.last().is_some_and(|last| last.distance_sq < distance_sq)
+            {
+                break;
+            }
+            neighbors
+                .extend(places.at(place).iter().take(limit).map(|&index| Neighbor { index, distance_sq }));
+        }
+        neighbors
+    }
 }
 
 impl std::fmt::Debug for KdTree {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("KdTree").field("len", &self.len).finish_non_exhaustive()
     }
+}
+
+/// Puts neighbours in order of distance, then index; they come nearly sorted.
+fn sort(neighbors: &mut [Neighbor]) {
+    neighbors.sort_unstable_by(|a, b| a.distance_sq.total_cmp(&b.distance_sq).then(a.index.cmp(&b.index)));
+}
+
+/// Points grouped by position.
+struct Places {
+    /// Those of place `i` are `members[offsets[i]..offsets[i + 1]]`, ascending.
+    offsets: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Places {
+    fn new(points: &[[f64; 3]]) -> Self {
+        let mut members: Vec<u32> = (0..points.len() as u32).collect();
+        let position = |i: u32| bits(&points[i as usize]);
+        members.par_sort_unstable_by_key(|&i| (position(i), i));
+        let starts =
+            (0..members.len()).filter(|&i| i == 0 || position(members[i]) != position(members[i - 1]));
+        let offsets = starts.chain([members.len()]).map(|i| i as u32).collect();
+        Self { offsets, members }
+    }
+
+    fn at(&self, place: u32) -> &[u32] {
+        &self.members[self.offsets[place as usize] as usize..self.offsets[place as usize + 1] as usize]
+    }
+
+    fn positions(&self, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        (0..self.offsets.len() as u32 - 1).map(|place| points[self.at(place)[0] as usize]).collect()
+    }
+}
+
+/// A total order of positions in which equal ones are neighbours; adding 0 makes one zero of -0 and 0.
+fn bits(point: &[f64; 3]) -> [u64; 3] {
+    point.map(|x| (x + 0.0).to_bits())
+}
+
+fn full_of_duplicates(points: &[[f64; 3]]) -> bool {
+    let step = points.len().div_ceil(DUPLICATE_SAMPLE);
+    let mut sample: Vec<[u64; 3]> = points.iter().step_by(step).map(bits).collect();
+    let drawn = sample.len();
+    sample.sort_unstable();
+    sample.dedup();
+    drawn - sample.len() >= DUPLICATE_LIMIT
 }

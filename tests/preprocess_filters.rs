@@ -1,4 +1,5 @@
 //! Voxel grid, outlier filters and clusters against straightforward oracles.
+#![allow(clippy::unwrap_used)] // a panic is how a test fails
 mod scenes;
 
 use std::collections::BTreeMap;

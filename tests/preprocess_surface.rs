@@ -1,4 +1,5 @@
 //! Normals and planes against surfaces of known shape.
+#![allow(clippy::unwrap_used)] // a panic is how a test fails
 mod scenes;
 
 use proptest::prelude::*;

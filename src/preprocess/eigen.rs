@@ -60,11 +60,11 @@ fn complement(w: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
 /// Eigenvalues of `[[a, b], [b, c]]`, ascending, and the unit eigenvector of the smaller one.
 fn smaller_of_two(a: f64, b: f64, c: f64) -> (f64, f64, [f64; 2]) {
     let half = 0.5 * (c - a);
-    let root = half.hypot(b);
+    let root = (half * half + b * b).sqrt();
     let middle = 0.5 * (a + c);
     // Of the two equivalent forms of the eigenvector, the one without cancellation.
     let (x, y) = if half >= 0.0 { (half + root, -b) } else { (-b, root - half) };
-    let length = x.hypot(y);
+    let length = (x * x + y * y).sqrt();
     let vector = if length > 0.0 { [x / length, y / length] } else { [1.0, 0.0] };
     (middle - root, middle + root, vector)
 }

@@ -11,6 +11,7 @@
 //! # Ok::<(), sympose::Error>(())
 //! ```
 
+mod cells;
 mod cluster;
 mod eigen;
 mod grid;

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::eigen::smallest_eigenvector;
+use super::neighbors::map_neighbors;
 use super::{CHUNK, KNeighbors};
 use crate::config::positive;
 use crate::error::{Error, Result};
@@ -43,7 +44,13 @@ pub struct Normals {
 /// [`Error::InvalidParameter`] when `k` is less than 3 or the radius is not positive, [`Error::NonFinite`],
 /// [`Error::LengthMismatch`] when the tree holds another number of points.
 pub fn estimate_normals(points: &[[f64; 3]], tree: &KdTree, params: &NormalParams) -> Result<Normals> {
-    normals_from_neighbors(points, &KNeighbors::new(tree, points, params.k)?, params)
+    let reach_sq = check(params)?;
+    let planes = map_neighbors(tree, points, params.k, |point, found| {
+        let within = found.iter().take_while(|n| n.distance_sq <= reach_sq);
+        local_plane(points, &points[point], within.map(|n| n.index))
+    })?;
+    let (normals, surface_variation) = planes.into_iter().unzip();
+    Ok(Normals { normals, surface_variation })
 }
 
 /// [`estimate_normals`] with neighbours that are known already; of more than `k`, the first `k` are used.
@@ -55,16 +62,7 @@ pub fn normals_from_neighbors(
     neighbors: &KNeighbors,
     params: &NormalParams,
 ) -> Result<Normals> {
-    if params.k < 3 {
-        return Err(Error::InvalidParameter {
-            name: "k",
-            value: params.k.to_string(),
-            expected: "at least 3 neighbours",
-        });
-    }
-    if let Some(radius) = params.max_radius {
-        positive("max_radius", radius)?;
-    }
+    let reach_sq = check(params)?;
     if neighbors.len() != points.len() {
         return Err(Error::LengthMismatch {
             what: "neighbours",
@@ -72,28 +70,58 @@ pub fn normals_from_neighbors(
             got: neighbors.len(),
         });
     }
-    let reach_sq = params.max_radius.map_or(f64::INFINITY, |radius| radius * radius);
-    let (normals, surface_variation) = neighbors
-        .map(|i, indices, squares| {
-            let within = squares.iter().take(params.k).take_while(|&&square| square <= reach_sq).count();
-            local_plane(points, &points[i], &indices[..within])
-        })
-        .into_iter()
-        .unzip();
+    let plane = |point| {
+        let (indices, distances_sq) = neighbors.of(point);
+        let within =
+            indices.iter().zip(distances_sq).take(params.k).take_while(|&(_, &square)| square <= reach_sq);
+        local_plane(points, &points[point], within.map(|(&index, _)| index))
+    };
+    let (normals, surface_variation) =
+        (0..points.len()).into_par_iter().with_min_len(CHUNK).map(plane).unzip();
     Ok(Normals { normals, surface_variation })
 }
 
-/// Normal and surface variation of the points with these indices.
-fn local_plane(points: &[[f64; 3]], center: &[f64; 3], indices: &[u32]) -> ([f64; 3], f64) {
-    // Relative to the point itself the coordinates are small, so one pass loses nothing.
-    let center = Vector3::from(*center);
-    let (mut sum, mut products) = (Vector3::zeros(), Matrix3::zeros());
-    for &index in indices {
-        let d = points.get(index as usize).map_or_else(Vector3::zeros, |p| Vector3::from(*p) - center);
-        sum += d;
-        products += d * d.transpose();
+/// Checks the settings; the square of the largest distance.
+fn check(params: &NormalParams) -> Result<f64> {
+    if params.k < 3 {
+        return Err(Error::InvalidParameter {
+            name: "k",
+            value: params.k.to_string(),
+            expected: "at least 3 neighbours",
+        });
     }
-    let covariance = products - sum * sum.transpose() / indices.len().max(1) as f64;
+    match params.max_radius {
+        None => Ok(f64::INFINITY),
+        Some(radius) => positive("max_radius", radius).map(|()| radius * radius),
+    }
+}
+
+/// Normal and surface variation of the points with these indices.
+fn local_plane(
+    points: &[[f64; 3]],
+    center: &[f64; 3],
+    indices: impl Iterator<Item = u32>,
+) -> ([f64; 3], f64) {
+    // Relative to the point itself the coordinates are small, so one pass loses nothing.
+    let [mut x, mut y, mut z, mut count] = [0.0; 4];
+    let [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz] = [0.0; 6];
+    for index in indices {
+        let p = points[index as usize];
+        let [u, v, w] = [p[0] - center[0], p[1] - center[1], p[2] - center[2]];
+        x += u;
+        y += v;
+        z += w;
+        xx += u * u;
+        xy += u * v;
+        xz += u * w;
+        yy += v * v;
+        yz += v * w;
+        zz += w * w;
+        count += 1.0;
+    }
+    let sum = Vector3::new(x, y, z);
+    let products = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    let covariance = products - sum * (sum / f64::max(count, 1.0)).transpose();
     let (normal, [smallest, middle, largest]) = smallest_eigenvector(&covariance);
     let total = smallest.max(0.0) + middle.max(0.0) + largest;
     (normal.into(), if total > 0.0 { smallest.max(0.0) / total } else { 0.0 })

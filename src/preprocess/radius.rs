@@ -3,10 +3,9 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::check_finite;
-use crate::config::positive;
+use super::CHUNK;
+use super::cells::CellList;
 use crate::error::Result;
-use crate::spatial::KdTree;
 
 /// Settings of [`remove_radius_outliers`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,19 +29,39 @@ impl Default for RadiusParams {
 /// Open3D counts the point itself and keeps more than `nb_points`, which is the same rule for the same number.
 ///
 /// # Errors
-/// [`Error::NonFinite`](crate::Error::NonFinite), or [`Error::InvalidParameter`](crate::Error::InvalidParameter) when
-/// the radius is not positive.
+/// [`Error::NonFinite`](crate::Error::NonFinite); [`Error::InvalidParameter`](crate::Error::InvalidParameter) when the
+/// radius is not positive, or too small for the extent (see [`voxel_downsample`](super::voxel_downsample)).
 pub fn remove_radius_outliers(points: &[[f64; 3]], params: &RadiusParams) -> Result<Vec<u32>> {
-    positive("radius", params.radius)?;
-    check_finite(points)?;
-    if points.is_empty() {
-        return Ok(Vec::new());
-    }
-    let tree = KdTree::new(points)?;
-    let needed = params.min_neighbors.saturating_add(1);
-    Ok((0..points.len() as u32)
+    let cells = CellList::new(points, params.radius, "radius")?;
+    let kept: Vec<Vec<u32>> = (0..points.len())
+        .step_by(CHUNK)
+        .collect::<Vec<_>>()
         .into_par_iter()
-        .with_min_len(256)
-        .filter(|&i| tree.count_within(&points[i as usize], params.radius, needed) >= needed)
-        .collect())
+        .map(|first| crowded(&cells, first..points.len().min(first + CHUNK), params))
+        .collect();
+    let mut keep = vec![false; points.len()];
+    kept.into_iter().flatten().for_each(|point| keep[point as usize] = true);
+    Ok((0..points.len() as u32).filter(|&point| keep[point as usize]).collect())
+}
+
+/// The points of these slots that have enough neighbours.
+fn crowded(cells: &CellList, slots: std::ops::Range<usize>, params: &RadiusParams) -> Vec<u32> {
+    let radius_sq = params.radius * params.radius;
+    let mut around = Vec::new();
+    let mut cell = None;
+    let enough = |&slot: &usize| {
+        if cell != Some(cells.cell(slot)) {
+            cell = Some(cells.cell(slot));
+            cells.around(slot, &mut around);
+        }
+        let p = cells.point(slot);
+        let near = |&other: &usize| {
+            let q = cells.point(other);
+            let [x, y, z] = [q[0] - p[0], q[1] - p[1], q[2] - p[2]];
+            x * x + y * y + z * z <= radius_sq
+        };
+        // The point finds itself, so one neighbour more than asked for is needed.
+        around.iter().cloned().flatten().filter(near).nth(params.min_neighbors).is_some()
+    };
+    slots.filter(enough).map(|slot| cells.members[slot]).collect()
 }

@@ -1,11 +1,13 @@
 //! Statistical outlier filter: a point is as close to its neighbours as most points are to theirs.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::neighbors::map_neighbors;
 use super::{CHUNK, KNeighbors, check_finite};
 use crate::config::positive;
 use crate::error::{Error, Result};
-use crate::spatial::KdTree;
+use crate::spatial::{KdTree, Neighbor};
 
 /// Settings of [`remove_statistical_outliers`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,7 +41,9 @@ pub fn remove_statistical_outliers(points: &[[f64; 3]], params: &StatisticalPara
     if points.is_empty() {
         return Ok(Vec::new());
     }
-    statistical_inliers(&KNeighbors::new(&KdTree::new(points)?, points, params.k)?, params)
+    let k = params.k.min(points.len());
+    let mean = |_, found: &[Neighbor]| found.iter().map(|n| n.distance_sq.sqrt()).sum::<f64>() / k as f64;
+    Ok(usual(&map_neighbors(&KdTree::new(points)?, points, k, mean)?, params.std_ratio))
 }
 
 /// [`remove_statistical_outliers`] with neighbours that are known already; of more than `k`, the first `k` are used.
@@ -57,15 +61,20 @@ pub fn statistical_inliers(neighbors: &KNeighbors, params: &StatisticalParams) -
             expected: "at most the number of neighbours that were searched",
         });
     }
-    let means: Vec<f64> = neighbors
-        .map(|_, _, squares| squares[..k].iter().map(|square| square.sqrt()).sum::<f64>() / k as f64);
-    let average = chunked_sum(&means, |mean| mean) / means.len() as f64;
-    let square = chunked_sum(&means, |mean| (mean - average) * (mean - average));
+    let mean = |point| neighbors.of(point).1[..k].iter().map(|square| square.sqrt()).sum::<f64>() / k as f64;
+    let means: Vec<f64> = (0..neighbors.len()).into_par_iter().with_min_len(CHUNK).map(mean).collect();
+    Ok(usual(&means, params.std_ratio))
+}
+
+/// Points whose mean distance is not unusually large.
+fn usual(means: &[f64], std_ratio: f64) -> Vec<u32> {
+    let average = chunked_sum(means, |mean| mean) / means.len() as f64;
+    let square = chunked_sum(means, |mean| (mean - average) * (mean - average));
     let deviation = (square / (means.len().max(2) - 1) as f64).sqrt();
-    let threshold = average + params.std_ratio * deviation;
+    let threshold = average + std_ratio * deviation;
     // Rounding aside, equal means have no deviation and lie on the threshold.
     let keep = |mean: f64| mean < threshold || mean <= average * (1.0 + 1e-12);
-    Ok((0_u32..).zip(&means).filter(|&(_, &mean)| keep(mean)).map(|(i, _)| i).collect())
+    (0_u32..).zip(means).filter(|&(_, &mean)| keep(mean)).map(|(point, _)| point).collect()
 }
 
 fn chunked_sum(values: &[f64], f: impl Fn(f64) -> f64) -> f64 {
