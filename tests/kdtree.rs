@@ -1,5 +1,5 @@
 //! The tree against brute force, and on the clouds that k-d trees dislike.
-#![allow(clippy::unwrap_used)] // a panic is how a test fails
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test may panic")]
 mod scenes;
 
 use std::time::{Duration, Instant};

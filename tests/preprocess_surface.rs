@@ -1,5 +1,5 @@
 //! Normals and planes against surfaces of known shape.
-#![allow(clippy::unwrap_used)] // a panic is how a test fails
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test may panic")]
 mod scenes;
 
 use proptest::prelude::*;

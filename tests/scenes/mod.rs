@@ -1,5 +1,5 @@
 //! Small analytic clouds for the tests of the preprocessing stages.
-#![allow(dead_code, clippy::unwrap_used)] // each test binary uses its own part; a panic is how a test fails
+#![allow(dead_code, clippy::unwrap_used, reason = "each test uses its own part, and may panic")]
 
 /// A seeded stream of numbers (SplitMix64).
 pub(crate) struct Random(pub(crate) u64);
