@@ -12,6 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from sympose import metrics
 from sympose._core import (
     Candidate,
     Estimate,
@@ -58,6 +59,7 @@ __all__ = [
     "__version__",
     "estimate",
     "estimate_normals",
+    "metrics",
     "read",
     "read_colmap",
     "remove_radius_outliers",

@@ -74,6 +74,17 @@ pub(super) fn isometry(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Isometr
     Ok(Isometry3::from_parts(translation, UnitQuaternion::from_rotation_matrix(&rotation)))
 }
 
+/// Rigid transforms from an (S, 4, 4) array.
+pub(super) fn isometries(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<Isometry3<f64>>> {
+    let matrices = value.py().import("sympose.arrays")?.call_method1("as_floats", (value, name))?;
+    if matrices.getattr("ndim")?.extract::<usize>()? != 3 {
+        let shape = matrices.getattr("shape")?;
+        let message = format!("{name} must have shape (S, 4, 4), got {shape}");
+        return Err(errors::invalid_input(value.py(), message));
+    }
+    matrices.try_iter()?.map(|matrix| isometry(&matrix?, name)).collect()
+}
+
 /// A new (N,) array.
 pub(super) fn vector<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>> {
     PyArray1::from_vec(py, values)

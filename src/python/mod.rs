@@ -4,12 +4,14 @@
 
 mod arrays;
 mod call;
+mod cli;
 mod config;
 mod errors;
 mod estimate;
 mod input;
 mod json;
 mod kd_tree;
+mod metrics;
 mod pool;
 mod stages;
 
@@ -25,11 +27,15 @@ mod _core {
     #[pymodule_export]
     use super::call::estimate;
     #[pymodule_export]
+    use super::cli::cli_main;
+    #[pymodule_export]
     use super::config::{check_config, config_to_toml, default_config, paper_config};
     #[pymodule_export]
     use super::estimate::{PyCandidate, PyEstimate};
     #[pymodule_export]
     use super::kd_tree::PyKdTree;
+    #[pymodule_export]
+    use super::metrics::{adds, mssd};
     #[pymodule_export]
     use super::stages::{
         estimate_normals, remove_radius_outliers, remove_statistical_outliers, segment_plane,

@@ -1,0 +1,144 @@
+"""The command line: that of the Rust binary, and what only Python can do.
+
+Results go to standard output, remarks to standard error. Exit codes: 0 done, 1 no trustworthy pose, 2 bad
+usage or input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from sympose import _core
+from sympose.errors import (
+    CancelledError,
+    DeadlineExceededError,
+    InsufficientDataError,
+    NoSymmetryError,
+    SymposeError,
+)
+
+__all__ = ["main"]
+
+_NO_POSE = (CancelledError, DeadlineExceededError, InsufficientDataError, NoSymmetryError)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line on `argv`, or on the arguments of the process; returns the exit code."""
+    if argv is None:
+        # This is the whole program: Ctrl-C ends it, also while Rust does not listen to Python.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    command = _COMMANDS.get(arguments[0]) if arguments else None
+    if command is None:
+        sys.stdout.flush()
+        code = _core.cli_main(["sympose", *arguments])
+        if arguments in (["--help"], ["-h"], ["help"]):
+            rows = (f"  {name:<10}{command.summary}\n" for name, command in _COMMANDS.items())
+            sys.stdout.write(f"\nCommands of the Python package:\n{''.join(rows)}")
+        return code
+    try:
+        return command.run(arguments[1:])
+    except _NO_POSE as error:
+        sys.stderr.write(f"sympose: {error}\n")
+        return 1
+    except (SymposeError, OSError, ImportError) as error:
+        sys.stderr.write(f"sympose: {error}\n")
+        return 2
+
+
+def _segment(arguments: Sequence[str]) -> int:
+    parser = _parser("segment", "A scene needs views: a COLMAP folder, or an NPZ file with depth and K.")
+    parser.add_argument("scene", help="file or folder")
+    parser.add_argument("out", help="where to write the foreground: PLY, PCD, XYZ, CSV, NPY or NPZ")
+    parser.add_argument("--max-components", type=int, default=5, help="Gaussians a view (default: 5)")
+    parser.add_argument("--min-views", type=int, help="views that must agree (default: half)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--plot", metavar="IMAGE", help="draw the depths of the views and the cuts")
+    options = parser.parse_args(arguments)
+
+    from sympose.io import read, write
+    from sympose.segmentation import segment
+
+    scene = read(options.scene)
+    segmentation = segment(
+        scene.points,
+        scene.views,
+        max_components=options.max_components,
+        min_views=options.min_views,
+        seed=options.seed,
+    )
+    for warning in segmentation.warnings:
+        sys.stderr.write(f"sympose: {warning}\n")
+    if options.plot:
+        segmentation.plot(options.plot)
+    mask = segmentation.mask
+    if not mask.any():
+        raise InsufficientDataError("no point is foreground; nothing written")
+    normals = None if scene.normals is None else scene.normals[mask]
+    colors = None if scene.colors is None else scene.colors[mask]
+    write(options.out, scene.points[mask], normals=normals, colors=colors)
+    sys.stdout.write(f"{mask.sum()} of {len(mask)} points are foreground\n")
+    return 0
+
+
+def _dataset(arguments: Sequence[str]) -> int:
+    from sympose.datasets import SCENARIOS, names, part, scan
+
+    parser = _parser(
+        "dataset", "Parts have diameter 1; the pose in the world is random and follows from the seed."
+    )
+    parser.add_argument("part", choices=names(), metavar="part", help=", ".join(names()))
+    parser.add_argument("out", help="where to write the scan: PLY, PCD, XYZ, CSV, NPY or NPZ")
+    parser.add_argument("--truth", metavar="JSON", help="where to write pose and order")
+    parser.add_argument("--scenario", choices=list(SCENARIOS), default="sphere", help="(default: sphere)")
+    parser.add_argument("--views", type=int, default=5, help="(default: 5)")
+    parser.add_argument("--sigma", type=float, default=0.001, help="noise by depth (default: 0.001)")
+    parser.add_argument("--seed", type=int, default=1, help="(default: 1)")
+    options = parser.parse_args(arguments)
+
+    from sympose.io import write
+
+    one = scan(
+        part(options.part), options.scenario, views=options.views, sigma=options.sigma, seed=options.seed
+    )
+    write(options.out, one.scene.points)
+    truth = {
+        "world_from_object": one.world_from_object.tolist(),
+        "order": one.order,
+        "axis": one.axis.tolist(),
+    }
+    if options.truth:
+        with open(options.truth, "w", encoding="utf-8") as file:
+            json.dump(truth, file, indent=2)
+    sys.stdout.write(f"{len(one.scene)} points of {options.part}, order {one.order}\n")
+    return 0
+
+
+def _evaluate(arguments: Sequence[str]) -> int:
+    from sympose.evaluation.cli import add_arguments, evaluate
+
+    parser = _parser("evaluate")
+    add_arguments(parser)
+    return evaluate(parser.parse_args(arguments))
+
+
+class _Command(NamedTuple):
+    run: Callable[[Sequence[str]], int]
+    summary: str
+
+
+_COMMANDS = {
+    "segment": _Command(_segment, "Tell the foreground of a scene with views from its background"),
+    "dataset": _Command(_dataset, "Scan a synthetic part with a virtual depth camera"),
+    "evaluate": _Command(_evaluate, "Measure the errors on scans whose truth is known"),
+}
+
+
+def _parser(command: str, details: str = "") -> argparse.ArgumentParser:
+    summary = f"{_COMMANDS[command].summary}. {details}".strip()
+    return argparse.ArgumentParser(prog=f"sympose {command}", description=summary)
