@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from sympose.datasets import Scan
 from sympose.datasets.depth_camera import cast
 from sympose.datasets.parts import Part
+from sympose.evaluation.reference import Reference
+from sympose.metrics import adds
 
-__all__ = ["NoiseBound", "axis_bound", "noise_bound"]
+__all__ = ["NoiseBound", "adds_of_bound", "axis_bound", "noise_bound"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,9 @@ class NoiseBound:
 def noise_bound(part: Part, scan: Scan, sigma: float) -> NoiseBound:
     """Bound for a scan of `part` with depth noise `sigma`, a share of the mean depth of each view.
 
-    The noise lies along the ray, so that casting the ray again finds the true point and its normal.
+    The noise lies along the ray, so that casting the ray again finds the true point and its normal. All of it
+    is taken to act along the normal, as in point-to-plane. Where a surface is seen obliquely less of it does,
+    so that an error can be a little below this bound.
 
     Raises:
         ValueError: The points of the scan fix no axis, or there is no noise.
@@ -53,6 +57,15 @@ def noise_bound(part: Part, scan: Scan, sigma: float) -> NoiseBound:
     return axis_bound(
         np.concatenate(points), np.concatenate(normals), np.concatenate(deviations), part.axis, part.center
     )
+
+
+def adds_of_bound(reference: Reference, bound: NoiseBound) -> float:
+    """ADD-S of a pose whose axis is off by just the bound, in angle and in place."""
+    angle = np.radians(bound.axis_deg)
+    pose = np.eye(4)
+    pose[1:3, 1:3] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    pose[0, 3] = bound.offset
+    return float(adds(reference.points, pose, np.eye(4)))
 
 
 def axis_bound(

@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from sympose.errors import SymposeError
+from sympose.evaluation.measure import Row
 from sympose.evaluation.methods import METHODS
+from sympose.evaluation.plots import save_figures
 from sympose.evaluation.progress import ProgressBar
 from sympose.evaluation.runner import Store, cases, run
 from sympose.evaluation.scenario import STRESS, Scenario
+from sympose.evaluation.suites import SUITES, run_suite
 from sympose.evaluation.summary import report, write_csv, write_json
 
 __all__ = ["add_arguments", "evaluate", "main"]
@@ -28,8 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `evaluate` reads, so that `sympose evaluate` has the same options."""
     parser.add_argument(
-        "--parts", default="own", help="own, or a folder of meshes with a manifest (default: own)"
+        "--parts", default="own", help="own, or folders of meshes with a manifest, by comma (default: own)"
     )
+    parser.add_argument("--suite", choices=sorted(SUITES), help="a ready-made run of all promises")
     parser.add_argument(
         "--only", default="", help="only parts whose name or family holds one of these, by comma"
     )
@@ -45,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--stress", default="", help=f"several by comma, all at once: {', '.join(STRESS)}")
     parser.add_argument("--clutter", type=int, default=0, help="boxes on the table")
-    parser.add_argument("--seeds", default="1-3", help="such as 1-3 or 1,5 (default: 1-3)")
+    parser.add_argument("--seeds", help="such as 1-3 or 1,5 (default: 1-3, or those of the suite)")
     parser.add_argument("--methods", default="default", help=f"several by comma: {', '.join(METHODS)}")
     parser.add_argument(
         "--out", default="out/evaluation", help="folder of the results (default: out/evaluation)"
@@ -55,38 +59,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def evaluate(options: argparse.Namespace) -> int:
     """Run what the options say, write the results and print the tables."""
+    out = Path(options.out)
     try:
-        out = Path(options.out)
-        places, methods = _words(options.scenario), _words(options.methods)
-        views, multiples = [int(n) for n in _words(options.views)], [float(k) for k in _words(options.sigma)]
-        stress = {key: value for name in _words(options.stress) for key, value in _stress(name).items()}
-        only = _words(options.only)
-        scenarios = [
-            Scenario(place, count, multiple, clutter=options.clutter if place == "table" else 0, **stress)
-            for place in places
-            for count in views
-            for multiple in multiples
-        ]
-        todo = cases(
-            options.parts,
-            scenarios,
-            _numbers(options.seeds),
-            methods,
-            every=options.every,
-            choose=lambda s: not only or any(word in f"{s.part.name} {s.part.family}" for word in only),
-        )
-        if not todo:
-            raise ValueError("nothing to run: no part fits --only and --methods")
-        rows = run(todo, Store(out / "rows.jsonl"), jobs=options.jobs, progress=ProgressBar())
+        rows, text = _suite(options, out) if options.suite else _chosen(options, out)
     except (SymposeError, ValueError, OSError, ImportError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2
-    text = report(rows)
-    (out / "report.md").write_text(text, encoding="utf-8")
+    (out / "report.md").write_text(text + "\n", encoding="utf-8")
     write_csv(rows, out / "rows.csv")
     write_json(rows, out / "rows.json")
-    sys.stdout.write(text)
+    sys.stdout.write(text + "\n")
     return 0
+
+
+def _suite(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
+    return run_suite(
+        options.suite,
+        out,
+        sources=_words(options.parts),
+        seeds=_numbers(options.seeds) if options.seeds else None,
+        jobs=options.jobs,
+        progress=ProgressBar(),
+    )
+
+
+def _chosen(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
+    views, multiples = [int(n) for n in _words(options.views)], [float(k) for k in _words(options.sigma)]
+    stress = {key: value for name in _words(options.stress) for key, value in _stress(name).items()}
+    only = _words(options.only)
+    scenarios = [
+        Scenario(place, count, multiple, clutter=options.clutter if place == "table" else 0, **stress)
+        for place in _words(options.scenario)
+        for count in views
+        for multiple in multiples
+    ]
+    todo = [
+        case
+        for source in _words(options.parts)
+        for case in cases(
+            source,
+            scenarios,
+            _numbers(options.seeds or "1-3"),
+            _words(options.methods),
+            every=options.every,
+            choose=lambda s: not only or any(word in f"{s.part.name} {s.part.family}" for word in only),
+        )
+    ]
+    if not todo:
+        raise ValueError("nothing to run: no part fits --only and --methods")
+    rows = run(todo, Store(out / "rows.jsonl"), jobs=options.jobs, progress=ProgressBar())
+    save_figures(rows, out)
+    return rows, report(rows)
 
 
 def _words(text: str) -> list[str]:

@@ -13,8 +13,8 @@ import sympose
 from sympose.datasets import Part, Scan
 from sympose.errors import NoSymmetryError, SymposeError
 from sympose.evaluation import methods
-from sympose.evaluation.bound import noise_bound
-from sympose.evaluation.metrics import pose_errors
+from sympose.evaluation.bound import adds_of_bound, noise_bound
+from sympose.evaluation.metrics import axis_angle_deg, pose_errors
 from sympose.evaluation.reference import reference_of
 from sympose.evaluation.scenario import SIGMA, Scenario, Subject
 from sympose.evaluation.surface import point_errors
@@ -24,19 +24,20 @@ __all__ = ["Row", "failed", "key_of", "measure"]
 Row: TypeAlias = dict[str, Any]
 """Names of figures and their values, all fit for JSON; a figure that does not apply is missing.
 
-part, family, order, scenario, seed, method: what was measured.
+source, part, family, order, scenario, seed, method: what was measured.
 outcome: "ok", "refused" (a `SymposeError`) or "error" (anything else), then with `message`.
 seconds: of the method alone. points: of the scan.
-The fields of `PoseErrors`; bound_deg, bound_offset, and axis_over_bound, offset_over_bound.
-order_found, order_right, score, explained, warnings, of methods of this package.
+The fields of `PoseErrors`; bound_deg, bound_offset, adds_bound; axis_over_bound, offset_over_bound.
+order_found, order_right, score, explained, warnings, start_deg (axis before the refinement): of methods of
+this package.
 raw_error, voxel_error, refined_error and the histograms: distances to the true surface.
 kept_precision, kept_recall, has_ground: of scenarios that are segmented; kept: share of the points kept.
 """
 
 
-def key_of(part: str, scenario: str, seed: int, method: str) -> str:
+def key_of(source: str, part: str, scenario: str, seed: int, method: str) -> str:
     """What names a row."""
-    return f"{part} | {scenario} | {seed} | {method}"
+    return f"{source} | {part} | {scenario} | {seed} | {method}"
 
 
 def measure(subject: Subject, scenario: Scenario, scan: Scan, seed: int, name: str) -> Row:
@@ -80,7 +81,8 @@ def failed(subject: Subject, scenario: Scenario, seed: int, name: str, error: Ba
 def _identity(subject: Subject, scenario: Scenario, seed: int, name: str) -> Row:
     part = subject.part
     return {
-        "key": key_of(part.name, scenario.label, seed, name),
+        "key": key_of(subject.source, part.name, scenario.label, seed, name),
+        "source": subject.source,
         "part": part.name,
         "family": part.family,
         "order": part.order,
@@ -113,6 +115,9 @@ def _judge(subject: Subject, scenario: Scenario, scan: Scan, name: str, answer: 
         return row
     row["order_found"] = estimate.order
     row["order_right"] = estimate.order in subject.orders
+    if estimate.candidates and part.order is not None:
+        # The best of the search, from which the refinement starts.
+        row["start_deg"] = axis_angle_deg(np.asarray(estimate.candidates[0].axis), scan.axis)
     row["score"], row["explained"] = float(estimate.score), float(estimate.explained)
     if estimate.warnings:
         row["warnings"] = list(estimate.warnings)
@@ -157,7 +162,11 @@ def _bound(part: Part, scenario: Scenario, scan: Scan, row: Row) -> Row:
         bound = noise_bound(part, scan, scenario.sigma * SIGMA)
     except ValueError:
         return {}
-    figures = {"bound_deg": bound.axis_deg, "bound_offset": bound.offset}
+    figures = {
+        "bound_deg": bound.axis_deg,
+        "bound_offset": bound.offset,
+        "adds_bound": adds_of_bound(reference_of(part), bound),
+    }
     if "axis_deg" in row:
         figures["axis_over_bound"] = row["axis_deg"] / bound.axis_deg
         figures["offset_over_bound"] = row["offset"] / bound.offset

@@ -75,7 +75,7 @@ def group_of(order: Order) -> NDArray[np.float64]:
 
 
 def mesh_from_object(part: Part) -> NDArray[np.float64]:
-    """(4, 4) frame of a part: +z along its axis, origin at its centre, +x as near to that of the mesh as it goes."""
+    """(4, 4) frame of a part: +z along its axis, the origin at its centre, +x near that of the mesh."""
     z = part.axis / np.linalg.norm(part.axis)
     x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = x - (x @ z) * z

@@ -7,7 +7,7 @@ import multiprocessing
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sympose.errors import InvalidInputError
@@ -24,12 +24,13 @@ class Case:
 
     Attributes:
         source: "own" or a folder, as for `subjects`.
-        part: Name of the part.
+        place, part: Name of the source and of the part, as in the rows.
         scenario, seed: The scan.
         methods: Names of the columns.
     """
 
     source: str
+    place: str
     part: str
     scenario: Scenario
     seed: int
@@ -37,7 +38,7 @@ class Case:
 
     def row_keys(self) -> list[str]:
         """Names of the rows that it gives."""
-        return [key_of(self.part, self.scenario.label, self.seed, name) for name in self.methods]
+        return [key_of(self.place, self.part, self.scenario.label, self.seed, name) for name in self.methods]
 
 
 def cases(
@@ -59,7 +60,7 @@ def cases(
         method(name)
     scenarios, seeds = list(scenarios), list(seeds)
     return [
-        Case(source, one.part.name, scenario, seed, names)
+        Case(source, one.source, one.part.name, scenario, seed, names)
         for one in subjects(source, every=every)
         if (names := tuple(name for name in methods if applies(name, one)))
         and (choose is None or choose(one))
@@ -140,7 +141,7 @@ def _left(case: Case, store: Store) -> Case | None:
     names = tuple(
         name for name, key in zip(case.methods, case.row_keys(), strict=True) if key not in store.rows
     )
-    return Case(case.source, case.part, case.scenario, case.seed, names) if names else None
+    return replace(case, methods=names) if names else None
 
 
 def _in_this_process(todo: Sequence[Case]) -> Iterator[Row]:
@@ -161,7 +162,7 @@ def _in_processes(todo: Sequence[Case], jobs: int) -> Iterator[Row]:
     except BrokenProcessPool:
         for case in left.values():
             for name in case.methods:
-                single = Case(case.source, case.part, case.scenario, case.seed, (name,))
+                single = replace(case, methods=(name,))
                 try:
                     with _pool(1) as alone:
                         rows = alone.submit(_all_rows, single).result()

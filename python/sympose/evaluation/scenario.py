@@ -81,10 +81,12 @@ class Subject:
     """A part, and what counts as its order.
 
     Attributes:
+        source: "own", or the name of the folder.
         part: The part.
         orders: Right answers; None among them where refusing is right.
     """
 
+    source: str
     part: Part
     orders: tuple[int | str | None, ...]
 
@@ -94,8 +96,8 @@ def subjects(source: str = "own", *, every: bool = False) -> tuple[Subject, ...]
     """The parts of a source.
 
     Args:
-        source: "own" for those of this package, or a folder of meshes with a manifest, whose `order_exact` may
-            give a second order that is accepted: the one that holds at a closer look.
+        source: "own" for those of this package, or a folder of meshes with a manifest. Its
+            `order_exact`, the order that holds at a closer look, is accepted as well.
         every: Also those that are continuous or without symmetry, not only those of a discrete order.
 
     Raises:
@@ -103,11 +105,14 @@ def subjects(source: str = "own", *, every: bool = False) -> tuple[Subject, ...]
         InvalidInputError: The manifest is wrong.
     """
     if source == "own":
-        found = [Subject(part(name), (part(name).order,)) for name in names(None if every else "cyclic")]
+        found = [
+            Subject("own", part(name), (part(name).order,)) for name in names(None if every else "cyclic")
+        ]
     else:
         parts = load_mesh_folder(source)
         entries = json.loads((Path(source) / "manifest.json").read_text(encoding="utf-8"))
-        found = [Subject(one, _orders(one, entry)) for one, entry in zip(parts, entries, strict=True)]
+        place = Path(source).resolve().name
+        found = [Subject(place, one, _orders(one, entry)) for one, entry in zip(parts, entries, strict=True)]
     return tuple(one for one in found if every or isinstance(one.part.order, int))
 
 
