@@ -30,8 +30,10 @@ pub struct ProposeParams {
     pub max_turns: usize,
     /// First gate on the distance of a match; each round ends at half of it, the last at the spacing [diameters].
     pub gate: f64,
-    /// Axes closer than this are the same [rad].
+    /// Axes closer than this are the same, if they are also close in position; halves with each round [rad].
     pub distinct_angle: f64,
+    /// Axes closer than this are the same, if they are also close in direction; halves with each round [diameters].
+    pub distinct_offset: f64,
     /// Largest angle from the hint of the user [rad].
     pub max_hint_angle: f64,
 }
@@ -46,6 +48,7 @@ impl Default for ProposeParams {
             max_turns: 4,
             gate: 0.12,
             distinct_angle: 0.1,
+            distinct_offset: 0.05,
             max_hint_angle: 30f64.to_radians(),
         }
     }
@@ -77,6 +80,21 @@ fn principal_axes(surface: &Surface) -> Option<Vec<Axis>> {
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
     order.iter().map(|&i| Axis::new(eigen.eigenvectors.column(i).into(), centroid)).collect()
+}
+
+/// A point on the line along `axis` about which the smallest cylinder holds all `points`.
+///
+/// Steps of 1/(i+1) toward the farthest point converge to the smallest enclosing ball (Badoiu and Clarkson 2003).
+fn outline_center(points: &[Vector3<f64>], axis: &Axis) -> Vector3<f64> {
+    let direction = axis.direction.into_inner();
+    let across = |p: &Vector3<f64>| p - direction * direction.dot(p);
+    let mut center = axis.point;
+    for i in 1..=30 {
+        let away = |p: &&Vector3<f64>| across(&(**p - center)).norm_squared();
+        let Some(farthest) = points.iter().max_by(|a, b| away(a).total_cmp(&away(b))) else { break };
+        center += across(&(farthest - center)) / f64::from(i + 1);
+    }
+    center
 }
 
 /// `count` unit vectors spread evenly over the half sphere (Fibonacci lattice).
@@ -124,6 +142,12 @@ pub fn propose(
         starts.extend(hints.iter().chain(&within).filter_map(|hint| Axis::new(*hint, centroid)));
         starts.extend(half_sphere(params.directions).filter_map(|d| Axis::new(d, centroid)));
     }
+    if params.search {
+        // Seen from one side, the centroid lies off the axis, but the outline does not.
+        let outline: Vec<Vector3<f64>> = surface.samples.strided(params.samples[0]).points;
+        let centers = starts.iter().map(|axis| Axis { point: outline_center(&outline, axis), ..*axis });
+        starts = starts.iter().copied().chain(centers).collect();
+    }
     starts.retain(admitted);
 
     let finest = 3.0 * surface.spacing;
@@ -134,7 +158,9 @@ pub fn propose(
         let gates = [gate(round as i32), if last { finest } else { gate(round as i32 + 1) }];
         let samples = surface.samples.strided(samples);
         let tried = trial(surface, &samples, turns, gates, visibility, &starts, control)?;
-        proposals = distinct(tried, kept, params.distinct_angle * 0.5f64.powi(round as i32), &admitted);
+        let scale = 0.5f64.powi(round as i32);
+        let offset = params.distinct_offset * scale * diameter;
+        proposals = distinct(tried, kept, params.distinct_angle * scale, offset, &admitted);
         starts = proposals.iter().map(|p| p.axis).collect();
     }
     Ok(proposals)
@@ -167,6 +193,7 @@ fn distinct(
     mut proposals: Vec<Proposal>,
     count: usize,
     angle: f64,
+    offset: f64,
     admitted: &impl Fn(&Axis) -> bool,
 ) -> Vec<Proposal> {
     proposals.retain(|p| admitted(&p.axis) && p.score.value().is_finite());
@@ -176,7 +203,10 @@ fn distinct(
         if kept.len() == count {
             break;
         }
-        if kept.iter().all(|k| k.axis.angle_to(&proposal.axis) > angle) {
+        let differs = |k: &Proposal| {
+            k.axis.angle_to(&proposal.axis) > angle || k.axis.distance(&proposal.axis.point) > offset
+        };
+        if kept.iter().all(differs) {
             kept.push(proposal);
         }
     }

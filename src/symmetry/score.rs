@@ -8,53 +8,99 @@ use crate::symmetry::order::Turns;
 use crate::symmetry::surface::{Gate, Samples, Surface};
 use crate::symmetry::visibility::{Seen, Visibility};
 
-/// What became of the rotated points.
+/// What became of one rotated point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Met the surface with an agreeing normal.
+    Matched,
+    /// Missed it where a camera saw that there is nothing (anywhere, when no viewpoint is known).
+    Contradicted,
+    /// Missed it where a camera that should have seen a surface got no return.
+    Missing,
+    /// Fell where no camera can tell.
+    Hidden,
+}
+
+/// What became of the rotated points [counts].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MatchScore {
-    /// Met the surface with an agreeing normal.
+    /// [`Outcome::Matched`].
     pub matched: usize,
-    /// Missed it where a camera would have seen them (anywhere, when no viewpoint is known).
+    /// [`Outcome::Contradicted`].
     pub contradicted: usize,
-    /// Fell where no camera can tell.
-    pub unseen: usize,
+    /// [`Outcome::Missing`].
+    pub missing: usize,
+    /// [`Outcome::Hidden`].
+    pub hidden: usize,
 }
 
 /// Weight of a point that was seen to be wrong against one that matched.
 const CONTRADICTED: f64 = 2.0;
 
-/// Weight of a point of which nothing is known against one that was seen to be wrong; it keeps an axis that turns the
-/// whole part out of sight from scoring well.
-const UNSEEN: f64 = 0.1;
+/// Weight of a point that should have been seen: a return may be missing for other reasons.
+pub(crate) const MISSING: f64 = 0.5;
+
+/// Weight of a point of which nothing is known; it keeps an axis that turns the whole part out of sight from scoring
+/// well.
+const HIDDEN: f64 = 0.1;
 
 impl MatchScore {
     /// Share of the evidence that agrees, in [0, 1].
     #[must_use]
     pub fn value(&self) -> f64 {
-        let against = CONTRADICTED * self.contradicted as f64 + UNSEEN * self.unseen as f64;
-        let total = self.matched as f64 + against;
-        if total > 0.0 { self.matched as f64 / total } else { 0.0 }
-    }
-
-    /// Share of the rotated points that met the surface, whatever became of the others.
-    #[must_use]
-    pub fn overlap(&self) -> f64 {
-        let total = self.matched + self.contradicted + self.unseen;
-        if total > 0 { self.matched as f64 / total as f64 } else { 0.0 }
+        let against = CONTRADICTED * self.contradicted as f64
+            + MISSING * self.missing as f64
+            + HIDDEN * self.hidden as f64;
+        share(self.matched as f64, against)
     }
 
     /// Share of the observed surface that agrees, in [0, 1]: what no camera can tell is left out.
     #[must_use]
     pub fn explained(&self) -> f64 {
-        let told = self.matched + self.contradicted;
-        if told > 0 { self.matched as f64 / told as f64 } else { 0.0 }
+        share(self.matched as f64, self.contradicted as f64 + MISSING * self.missing as f64)
     }
 
-    fn add(self, other: Self) -> Self {
-        Self {
-            matched: self.matched + other.matched,
-            contradicted: self.contradicted + other.contradicted,
-            unseen: self.unseen + other.unseen,
+    /// Share of the rotated points that met the surface, whatever became of the others.
+    #[must_use]
+    pub fn overlap(&self) -> f64 {
+        share(self.matched as f64, (self.contradicted + self.missing + self.hidden) as f64)
+    }
+
+    fn count(mut self, outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Matched => self.matched += 1,
+            Outcome::Contradicted => self.contradicted += 1,
+            Outcome::Missing => self.missing += 1,
+            Outcome::Hidden => self.hidden += 1,
         }
+        self
+    }
+}
+
+fn share(agreeing: f64, against: f64) -> f64 {
+    let total = agreeing + against;
+    if total > 0.0 { agreeing / total } else { 0.0 }
+}
+
+/// What becomes of a point with a normal when both are moved by `turn`.
+#[must_use]
+pub fn outcome(
+    surface: &Surface,
+    point: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    turn: &Turn,
+    gate: Gate,
+    visibility: Option<&Visibility>,
+) -> Outcome {
+    let point = turn.apply(point);
+    let normal = turn.rotation * normal;
+    if surface.matching(&point, &normal, gate).is_some() {
+        return Outcome::Matched;
+    }
+    match visibility.map_or(Seen::Free, |v| v.seen(&point, &normal, gate.distance)) {
+        Seen::Free => Outcome::Contradicted,
+        Seen::Missing => Outcome::Missing,
+        Seen::Hidden => Outcome::Hidden,
     }
 }
 
@@ -69,21 +115,14 @@ pub fn match_score(
     visibility: Option<&Visibility>,
 ) -> MatchScore {
     let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
-    let judge = |point: &Vector3<f64>, normal: &Vector3<f64>| {
-        if surface.matching(point, normal, gate).is_some() {
-            return MatchScore { matched: 1, ..MatchScore::default() };
-        }
-        let free = visibility.is_none_or(|v| v.seen(point, gate.distance) == Seen::Free);
-        MatchScore { contradicted: usize::from(free), unseen: usize::from(!free), ..MatchScore::default() }
-    };
-    let parts: Vec<MatchScore> = (0..samples.points.len())
+    let outcomes: Vec<Outcome> = (0..samples.points.len() * moves.len())
         .into_par_iter()
-        .with_min_len(64)
+        .with_min_len(256)
         .map(|i| {
-            moves.iter().fold(MatchScore::default(), |sum, turn| {
-                sum.add(judge(&turn.apply(&samples.points[i]), &(turn.rotation * samples.normals[i])))
-            })
+            let (sample, turn) = (i / moves.len(), i % moves.len());
+            let (point, normal) = (&samples.points[sample], &samples.normals[sample]);
+            outcome(surface, point, normal, &moves[turn], gate, visibility)
         })
         .collect();
-    parts.into_iter().fold(MatchScore::default(), MatchScore::add)
+    outcomes.into_iter().fold(MatchScore::default(), MatchScore::count)
 }

@@ -16,13 +16,15 @@ const MAX_CELLS: usize = 512;
 /// Directions more than this far from the middle of a view [rad] are left out of its map.
 const MAX_OFF_AXIS: f64 = 1.2;
 
-/// What a set of depth maps says about a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a set of depth maps says about a place where no surface was measured; later ones are stronger.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Seen {
-    /// At least one camera measured something behind it.
+    /// No camera can tell: hidden, turned away, or out of the picture.
+    Hidden,
+    /// A camera that should have seen a surface there got no return: likely empty, but dark or shiny surfaces drop out.
+    Missing,
+    /// A camera measured something behind it: empty.
     Free,
-    /// No camera can tell.
-    Unknown,
 }
 
 /// Depth maps of the views, rebuilt from the points and their viewpoints.
@@ -65,14 +67,18 @@ impl Visibility {
         (!views.is_empty()).then_some(Self { views })
     }
 
-    /// Whether some camera saw through `point`: everything it measured there lies more than `margin` [length] behind.
+    /// What the cameras say about a surface at `point` with outward `normal`; a measurement within `margin` [length]
+    /// in front of it counts as hiding it.
     #[must_use]
-    pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
-        if self.views.iter().any(|view| view.sees_through(point, margin)) {
-            Seen::Free
-        } else {
-            Seen::Unknown
+    pub fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
+        let mut strongest = Seen::Hidden;
+        for view in &self.views {
+            strongest = strongest.max(view.seen(point, normal, margin));
+            if strongest == Seen::Free {
+                break;
+            }
         }
+        strongest
     }
 }
 
@@ -130,21 +136,21 @@ impl DepthMap {
         Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
     }
 
-    fn sees_through(&self, point: &Vector3<f64>, margin: f64) -> bool {
-        let local = self.camera_from_world * (point - self.center);
+    fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
+        /// A surface seen more obliquely than this cosine may give no return.
+        const FACING: f64 = 0.3;
+        let ray = point - self.center;
+        let local = self.camera_from_world * ray;
         if local.z <= 0.0 {
-            return false;
+            return Seen::Hidden;
         }
         let column = ((local.x / local.z - self.lower[0]) / self.cell).floor();
         let row = ((local.y / local.z - self.lower[1]) / self.cell).floor();
         let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
         if !inside(column, self.size[0]) || !inside(row, self.size[1]) {
-            return false;
+            return Seen::Hidden;
         }
         let (column, row) = (column as usize, row as usize);
-        if self.nearest[row * self.size[0] + column].is_infinite() {
-            return false;
-        }
         // The neighbouring cells too: at an edge the ray may have passed beside the surface.
         let mut nearest = f32::INFINITY;
         for r in row.saturating_sub(1)..(row + 2).min(self.size[1]) {
@@ -152,6 +158,14 @@ impl DepthMap {
                 nearest = nearest.min(self.nearest[r * self.size[0] + c]);
             }
         }
-        f64::from(nearest) > local.norm() + margin
+        let range = local.norm();
+        let center = self.nearest[row * self.size[0] + column];
+        if center.is_finite() && f64::from(nearest) > range + margin {
+            Seen::Free
+        } else if nearest.is_infinite() && -normal.dot(&ray) > FACING * range {
+            Seen::Missing
+        } else {
+            Seen::Hidden
+        }
     }
 }
