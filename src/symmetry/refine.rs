@@ -40,13 +40,13 @@ pub struct RefineParams {
 impl Default for RefineParams {
     fn default() -> Self {
         Self {
-            max_turns: 6,
-            max_joint_turns: 8,
+            max_turns: 5,
+            max_joint_turns: 6,
             gate: 2.0,
             max_normal_angle: 0.6,
             huber_width: 1.345,
             max_rounds: 30,
-            max_full_rounds: 3,
+            max_full_rounds: 2,
             tolerance: 1e-3,
             anchor: 1.0,
         }
@@ -127,7 +127,7 @@ pub fn align(
     for (level, &distance) in schedule.iter().enumerate() {
         let last = level + 1 == schedule.len();
         let gate = Gate { distance, cosine: params.max_normal_angle.cos() };
-        let rounds = if last { params.max_rounds } else { 3 };
+        let rounds = if last { params.max_rounds } else { params.max_rounds.min(3) };
         for _ in 0..rounds {
             control.check()?;
             let correspondences = Correspondences::find(surface, samples, &axis, turns, gate);
