@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["histogram_figure", "recall_figure", "save_figures"]
+__all__ = ["histogram_figure", "new_figure", "recall_figure", "save_figures"]
 
 _LIMITS = {
     "axis_deg": ("axis angle [deg]", 1e-3, 10.0),
@@ -45,7 +45,7 @@ def recall_figure(rows: Sequence[Row]) -> Figure:
 
     A scan that was refused or failed is never below.
     """
-    figure = _figure(4.2 * len(_LIMITS))
+    figure = new_figure(4.2 * len(_LIMITS))
     panels = figure.subplots(1, len(_LIMITS), sharey=True)
     for axes, (column, (title, low, high)) in zip(panels, _LIMITS.items(), strict=True):
         for (scenario, method), mine in grouped(rows, "scenario", "method").items():
@@ -68,7 +68,7 @@ def histogram_figure(rows: Sequence[Row]) -> Figure:
     """
     known = [row for row in rows if "histogram_refined" in row]
     scenarios = {name: mine for (name,), mine in grouped(known, "scenario").items()}
-    figure = _figure(4.2 * len(scenarios))
+    figure = new_figure(4.2 * len(scenarios))
     panels = np.atleast_1d(figure.subplots(1, len(scenarios), squeeze=False)[0])
     for axes, (scenario, mine) in zip(panels, scenarios.items(), strict=True):
         methods = grouped(mine, "method")
@@ -87,10 +87,10 @@ def _bars(axes: Axes, rows: Sequence[Row], column: str, label: str) -> None:
     axes.stairs(shares, HISTOGRAM_EDGES, fill=True, alpha=0.5, label=label)
 
 
-def _figure(width: float) -> Figure:
+def new_figure(width: float, height: float = 3.6) -> Figure:
+    """A figure that needs no display: pyplot would choose a backend for the whole process."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise ImportError("figures need matplotlib: pip install 'sympose[plot]'") from error
-    # Not through pyplot, which would need a display or a backend chosen for the whole process.
-    return Figure(figsize=(width, 3.6), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")

@@ -9,7 +9,9 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
+from zlib import crc32
 
+from sympose import _core
 from sympose.errors import InvalidInputError
 from sympose.evaluation.measure import Row, failed, key_of, measure
 from sympose.evaluation.methods import applies, method
@@ -72,19 +74,28 @@ def cases(
 class Store:
     """Rows in a file of JSON lines; what an interrupted run left half written is dropped.
 
+    Beside it stands a file that names the build that was measured, since figures of two builds must not mix.
+
     Args:
         path: Made when it is missing.
 
     Raises:
-        InvalidInputError: A line but the last is no row.
+        InvalidInputError: The file is of another build, or a line but the last is no row.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.rows: dict[str, Row] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
+        stamp, build = path.with_suffix(".build"), _build()
         if not path.exists():
+            stamp.write_text(build + "\n", encoding="utf-8")
             return
+        known = stamp.read_text(encoding="utf-8").strip() if stamp.exists() else "an unknown build"
+        if known != build:
+            raise InvalidInputError(
+                f"{path} was measured with {known}, this is {build}: choose another folder"
+            )
         whole = ""
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
         for number, line in enumerate(lines, 1):
@@ -135,6 +146,11 @@ def run(
         if progress is not None:
             progress(done, len(wanted), row["key"])
     return [store.rows[key] for key in dict.fromkeys(wanted)]
+
+
+def _build() -> str:
+    """The version, and a checksum of the compiled module."""
+    return f"{_core.__version__} {crc32(Path(str(_core.__file__)).read_bytes()):08x}"
 
 
 def _left(case: Case, store: Store) -> Case | None:

@@ -41,6 +41,7 @@ _TITLES = {
     "voxel_error": "voxel means to surface",
     "refined_error": "refined to surface",
     "seconds": "time [s]",
+    "cpu_seconds": "processor time [s]",
 }
 
 
