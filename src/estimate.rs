@@ -247,6 +247,7 @@ impl Estimator {
         stages.number("sigma", found.sigma);
         stages.number("rounds", found.rounds as f64);
         stages.diagnostics.insert("joint_cost".into(), Diagnostic::Series(found.costs.clone()));
+        stages.number("yaw_angle", heading.angle);
         stages.diagnostics.insert("yaw_histogram".into(), Diagnostic::Series(heading.histogram.clone()));
 
         let axis_from_object = Isometry3::from_parts(
