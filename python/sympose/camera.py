@@ -149,9 +149,11 @@ class PinholeCamera:
     def _radius_limit_sq(self) -> float:
         """Squared radius up to which r (1 + k1 r^2 + k2 r^4 + k3 r^6) grows with r."""
         k1, k2, _, _, k3 = self._coefficients()
-        roots = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
-        real = roots.real[np.abs(roots.imag) < 1e-9 * np.abs(roots)]
-        return float(min(real[real > 0.0], default=np.inf))
+        # The derivative as a polynomial in 1 / r^2, whose leading coefficient is never zero.
+        roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
+        real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
+        largest = float(real.max(initial=0.0))
+        return 1.0 / largest if largest > 1e-12 else np.inf
 
     def _distort(
         self, x: NDArray[np.float64], y: NDArray[np.float64]
@@ -261,10 +263,23 @@ class View:
         Raises:
             InvalidInputError: `points_world` is not (N, 3).
         """
-        # Relative to the centre first: with georeferenced coordinates R p + t would cancel.
-        offset = as_points(points_world, "points_world") - self.center
-        pixels, depth = self.camera.project(offset @ self.world_from_camera[:3, :3])
+        pixels, depth = self.camera.project(self.to_camera(points_world))
         return pixels, depth, self.camera.contains(pixels)
+
+    def to_camera(self, points_world: ArrayLike) -> NDArray[np.float64]:
+        """Return (N, 3) points of the world in the camera frame.
+
+        Raises:
+            InvalidInputError: `points_world` is not (N, 3).
+        """
+        points = as_points(points_world, "points_world")
+        # Relative to the centre first: with georeferenced coordinates R p + t would cancel.
+        x, y, z = (points[:, k] - self.center[k] for k in range(3))
+        # Not `@`: BLAS would start threads for this, and its rounding may depend on how many.
+        rotation = self.world_from_camera[:3, :3]
+        return np.stack(
+            [x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k] for k in range(3)], axis=1
+        )
 
 
 def as_rigid(value: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -1,0 +1,195 @@
+"""Scenes: what goes in comes out checked, depth images become points, scenes join."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from sympose.camera import PinholeCamera, View
+from sympose.errors import InvalidInputError
+from sympose.scene import Scene
+
+CAMERA = PinholeCamera(8, 6, fx=7.0, fy=7.5, cx=3.4, cy=2.6)
+TURNED = np.array([[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
+POINTS = np.arange(12.0).reshape(4, 3)
+
+
+def depth_image():
+    return np.random.default_rng(0).uniform(1.0, 2.0, (6, 8))
+
+
+def test_arrays_are_float64_c_order_and_read_only():
+    scene = Scene(np.asfortranarray(POINTS.astype(np.float32)), normals=POINTS[::-1], viewpoints=[1, 2, 3])
+    for array in (scene.points, scene.normals, scene.viewpoints):
+        assert array.dtype == np.float64
+        assert array.shape == (4, 3)
+        assert array.flags.c_contiguous
+        assert not array.flags.writeable
+    np.testing.assert_array_equal(scene.points, POINTS)
+    np.testing.assert_array_equal(scene.viewpoints, [[1, 2, 3]] * 4)
+
+
+def test_the_callers_array_stays_writable():
+    points = POINTS.copy()
+    Scene(points)
+    points[0, 0] = 5.0
+
+
+def test_nan_points_pass():
+    assert np.isnan(Scene([[np.nan] * 3, [0, 0, 0]]).points[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("colors", "expected"),
+    [
+        (np.full((4, 3), 200, dtype=np.uint8), 200),
+        (np.full((4, 3), 200, dtype=np.int64), 200),
+        (np.full((4, 3), 1.0), 255),
+        (np.full((4, 3), 0.5, dtype=np.float32), 128),
+        (np.zeros((4, 3)), 0),
+    ],
+)
+def test_colors_become_uint8(colors, expected):
+    scene = Scene(POINTS, colors)
+    assert scene.colors.dtype == np.uint8
+    assert (scene.colors == expected).all()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"points": np.zeros((4, 2))},
+        {"points": np.zeros(3)},
+        {"points": [[1, 2, 3], [4, 5]]},
+        {"points": [["x", "y", "z"]]},
+        {"points": np.zeros((4, 3), dtype=complex)},
+        {"points": None},
+        {"points": POINTS, "colors": np.full((4, 3), 1.5)},
+        {"points": POINTS, "colors": np.full((4, 3), 256)},
+        {"points": POINTS, "colors": np.full((4, 3), np.nan)},
+        {"points": POINTS, "colors": np.zeros((3, 3), dtype=np.uint8)},
+        {"points": POINTS, "normals": np.zeros((3, 3))},
+        {"points": POINTS, "viewpoints": np.zeros((2, 3))},
+        {"points": POINTS, "viewpoints": [1.0, 2.0]},
+        {"points": POINTS, "views": [np.eye(4)]},
+    ],
+)
+def test_what_does_not_fit_is_refused(arguments):
+    with pytest.raises(InvalidInputError):
+        Scene(**arguments)
+
+
+def test_length_and_text():
+    view = View(CAMERA, np.eye(4))
+    scene = Scene(POINTS, normals=POINTS, views=[view, view], name="part")
+    assert len(scene) == 4
+    assert repr(scene) == "Scene('part': 4 points, normals, 2 views)"
+    assert repr(Scene(np.empty((0, 3)))) == "Scene(0 points)"
+
+
+def test_depth_image_becomes_the_points_that_project_back_to_it():
+    depth = depth_image()
+    scene = Scene.from_depth(depth, CAMERA, TURNED)
+    pixels, z, visible = scene.views[0].project(scene.points)
+    v, u = np.mgrid[:6, :8]
+    np.testing.assert_allclose(pixels, np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-9)
+    np.testing.assert_allclose(z, depth.ravel())
+    assert visible.all()
+    np.testing.assert_array_equal(scene.viewpoints, [[1.0, 2.0, 3.0]] * 48)
+
+
+def test_pixels_without_measurement_are_dropped_and_colors_follow():
+    depth = depth_image()
+    depth[0, :5] = [0.0, np.nan, np.inf, -1.0, -np.inf]
+    color = np.random.default_rng(1).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    scene = Scene.from_depth(depth, CAMERA, color=color)
+    assert len(scene) == 43
+    np.testing.assert_array_equal(scene.colors, color.reshape(-1, 3)[5:])
+
+
+@given(st.floats(1e-6, 1e6))
+def test_depth_scale_multiplies(scale):
+    scene = Scene.from_depth(np.full((6, 8), 2000, dtype=np.uint16), CAMERA, depth_scale=scale)
+    np.testing.assert_allclose(scene.points[:, 2], 2000 * scale)
+
+
+def test_corners_beyond_the_distortion_are_dropped():
+    camera = PinholeCamera(8, 6, fx=2.0, fy=2.0, cx=3.5, cy=2.5, distortion=(-0.5,))
+    scene = Scene.from_depth(np.ones((6, 8)), camera)
+    assert 0 < len(scene) < 48
+    assert np.isfinite(scene.points).all()
+
+
+def test_16_bit_png(tmp_path):
+    depth = np.random.default_rng(2).integers(0, 2**16, (6, 8)).astype(np.uint16)
+    color = np.random.default_rng(3).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    Image.fromarray(depth).save(tmp_path / "depth.png")
+    Image.fromarray(color).save(tmp_path / "color.png")
+    scene = Scene.from_depth(
+        tmp_path / "depth.png", CAMERA, depth_scale=0.001, color=str(tmp_path / "color.png")
+    )
+    expected = Scene.from_depth(depth, CAMERA, depth_scale=0.001, color=color)
+    np.testing.assert_array_equal(scene.points, expected.points)
+    np.testing.assert_array_equal(scene.colors, expected.colors)
+    assert scene.name == "depth.png"
+
+
+def test_files_that_are_no_depth_image(tmp_path):
+    Image.fromarray(np.zeros((6, 8, 3), dtype=np.uint8)).save(tmp_path / "rgb.png")
+    Image.fromarray(np.ones((6, 8), dtype=np.uint16)).save(tmp_path / "whole.png")
+    whole = (tmp_path / "whole.png").read_bytes()
+    (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.png").write_text("no image")
+    (tmp_path / "empty.png").touch()
+    for name in ("rgb", "cut", "text", "empty"):
+        with pytest.raises(InvalidInputError, match=f"{name}.png"):
+            Scene.from_depth(tmp_path / f"{name}.png", CAMERA)
+    with pytest.raises(FileNotFoundError):
+        Scene.from_depth(tmp_path / "missing.png", CAMERA)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"depth": np.ones((8, 6))},
+        {"depth": np.ones((6, 8, 1))},
+        {"depth": np.zeros((6, 8))},
+        {"depth": np.full((6, 8), np.nan)},
+        {"depth": np.ones((6, 8)), "depth_scale": 0.0},
+        {"depth": np.ones((6, 8)), "depth_scale": -1.0},
+        {"depth": np.ones((6, 8)), "depth_scale": np.nan},
+        {"depth": np.ones((6, 8)), "color": np.zeros((6, 8), dtype=np.uint8)},
+        {"depth": np.ones((6, 8)), "color": np.full((6, 8, 3), 7.0)},
+        {"depth": np.ones((6, 8)), "world_from_camera": 2.0 * np.eye(4)},
+    ],
+)
+def test_bad_depth_arguments(arguments):
+    with pytest.raises(InvalidInputError):
+        Scene.from_depth(camera=CAMERA, **arguments)
+
+
+def test_merge_keeps_what_all_know():
+    a = Scene.from_depth(depth_image(), CAMERA)
+    b = Scene.from_depth(depth_image(), CAMERA, TURNED, color=np.ones((6, 8, 3), dtype=np.uint8))
+    both = Scene.merge([a, b])
+    assert len(both) == 96
+    np.testing.assert_array_equal(both.points, np.concatenate([a.points, b.points]))
+    np.testing.assert_array_equal(both.viewpoints, np.concatenate([a.viewpoints, b.viewpoints]))
+    assert both.views == (*a.views, *b.views)
+    assert both.colors is None
+    assert Scene.merge([b, b]).colors.shape == (96, 3)
+    assert Scene.merge([a, Scene(POINTS)]).viewpoints is None
+
+
+def test_merge_counts_a_shared_view_once():
+    view = View(CAMERA, np.eye(4))
+    merged = Scene.merge([Scene(POINTS, views=[view], name="a"), Scene(POINTS, views=[view], name="a")])
+    assert merged.views == (view,)
+    assert merged.name == "a"
+    assert Scene.merge([Scene(POINTS, name="a"), Scene(POINTS, name="b")]).name is None
+
+
+@pytest.mark.parametrize("scenes", [[], [POINTS]])
+def test_merge_needs_scenes(scenes):
+    with pytest.raises(InvalidInputError):
+        Scene.merge(scenes)
