@@ -471,7 +471,7 @@ def test_mesh_folder_says_what_is_wrong(tmp_path: Path) -> None:
         load_mesh_folder(tmp_path)
 
 
-@pytest.mark.parametrize("module", ["depth_camera", "visibility", "scenarios", "parts", "parts.part"])
+@pytest.mark.parametrize("module", ["depth_camera", "visibility", "scenarios", "parts", "parts.model"])
 def test_examples_in_docstrings(module: str) -> None:
     result = doctest.testmod(importlib.import_module(f"sympose.datasets.{module}"))
     assert result.attempted > 0 and result.failed == 0

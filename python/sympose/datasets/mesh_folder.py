@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sympose.datasets.optional import load
-from sympose.datasets.parts.part import Order, Part, diameter
+from sympose.datasets.parts.model import Order, Part, diameter
 from sympose.datasets.visibility import visible_centroid
 from sympose.errors import InvalidInputError
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sympose.camera import View
 from sympose.datasets import stress
 from sympose.datasets.depth_camera import DEPTH_CAMERA, LOW_RESOLUTION, render, turn
-from sympose.datasets.parts.part import Order, Part, diameter
+from sympose.datasets.parts.model import Order, Part, diameter
 from sympose.datasets.stage import LABELS, set_stage
 from sympose.datasets.view_poses import SCENARIOS, draw_camera_pose, random_pose
 from sympose.errors import InvalidInputError

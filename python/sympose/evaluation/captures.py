@@ -1,4 +1,4 @@
-"""Captured scenes as a manifest describes them: what is given to `estimate`, and what is known of the axis."""
+"""Captured scenes as a manifest describes them: what `estimate` is given, and what is known of the axis."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sympose.datasets.parts import Part
-from sympose.datasets.parts.part import Order
+from sympose.datasets.parts.model import Order
 from sympose.datasets.visibility import sample_visible
 
 __all__ = ["Order", "Reference", "about_z", "group_of", "mesh_from_object", "reference_of", "turned_over"]

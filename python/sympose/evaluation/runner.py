@@ -15,7 +15,7 @@ from sympose import _core
 from sympose.errors import InvalidInputError
 from sympose.evaluation.measure import Row, failed, key_of, measure
 from sympose.evaluation.methods import applies, method
-from sympose.evaluation.scenario import Scenario, Subject, subjects
+from sympose.evaluation.scenario import Scenario, Subject, subject_of, subjects
 
 __all__ = ["Case", "Store", "cases", "run"]
 
@@ -183,7 +183,7 @@ def _in_processes(todo: Sequence[Case], jobs: int) -> Iterator[Row]:
                     with _pool(1) as alone:
                         rows = alone.submit(_all_rows, single).result()
                 except BrokenProcessPool as error:
-                    rows = [failed(_subject(case), case.scenario, case.seed, name, error)]
+                    rows = [failed(subject_of(case.source, case.part), case.scenario, case.seed, name, error)]
                 yield from rows
     finally:
         pool.shutdown(cancel_futures=True)
@@ -199,7 +199,7 @@ def _all_rows(case: Case) -> list[Row]:
 
 
 def _rows(case: Case) -> Iterator[Row]:
-    subject = _subject(case)
+    subject = subject_of(case.source, case.part)
     try:
         scan = case.scenario.scan(subject.part, case.seed)
     except Exception as error:  # recorded for each method that now has nothing to work on
@@ -208,10 +208,3 @@ def _rows(case: Case) -> Iterator[Row]:
         return
     for name in case.methods:
         yield measure(subject, case.scenario, scan, case.seed, name)
-
-
-def _subject(case: Case) -> Subject:
-    for one in subjects(case.source, every=True):
-        if one.part.name == case.part:
-            return one
-    raise InvalidInputError(f"there is no part {case.part!r} in {case.source}")

@@ -13,7 +13,7 @@ from sympose.datasets.parts import Part
 from sympose.datasets.view_poses import SCENARIOS
 from sympose.errors import InvalidInputError
 
-__all__ = ["SIGMA", "STRESS", "Scenario", "Subject", "subjects"]
+__all__ = ["SIGMA", "STRESS", "Scenario", "Subject", "subject_of", "subjects"]
 
 SIGMA = 0.001  # standard deviation of the depth noise, as a share of the mean depth
 
@@ -105,15 +105,27 @@ def subjects(source: str = "own", *, every: bool = False) -> tuple[Subject, ...]
         InvalidInputError: The manifest is wrong.
     """
     if source == "own":
-        found = [
-            Subject("own", part(name), (part(name).order,)) for name in names(None if every else "cyclic")
-        ]
+        found = [subject_of(source, name) for name in names(None if every else "cyclic")]
     else:
         parts = load_mesh_folder(source)
         entries = json.loads((Path(source) / "manifest.json").read_text(encoding="utf-8"))
         place = Path(source).resolve().name
         found = [Subject(place, one, _orders(one, entry)) for one, entry in zip(parts, entries, strict=True)]
     return tuple(one for one in found if every or isinstance(one.part.order, int))
+
+
+def subject_of(source: str, name: str) -> Subject:
+    """One part of a source, as in `subjects`.
+
+    Raises:
+        InvalidInputError: There is none of that name.
+    """
+    if source == "own":
+        return Subject(source, part(name), (part(name).order,))
+    for one in subjects(source, every=True):
+        if one.part.name == name:
+            return one
+    raise InvalidInputError(f"there is no part {name!r} in {source}")
 
 
 def _orders(part: Part, entry: dict[str, Any]) -> tuple[int | str | None, ...]:

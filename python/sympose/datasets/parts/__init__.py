@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cache
 
 from sympose.datasets.parts.impeller import IMPELLERS
-from sympose.datasets.parts.part import Order, Part
+from sympose.datasets.parts.model import Order, Part
 from sympose.datasets.parts.plain import ASYMMETRIC, CONTINUOUS
 from sympose.datasets.parts.propeller import PROPELLERS
 from sympose.datasets.parts.small_part import SMALL_PARTS
