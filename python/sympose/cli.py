@@ -119,6 +119,32 @@ def _dataset(arguments: Sequence[str]) -> int:
     return 0
 
 
+def _demo(arguments: Sequence[str]) -> int:
+    from sympose.demo import add_arguments, demo
+
+    parser = _parser("demo")
+    add_arguments(parser)
+    return demo(parser.parse_args(arguments))
+
+
+def _view(arguments: Sequence[str]) -> int:
+    parser = _parser("view")
+    parser.add_argument("file", help="a scan, or an estimate as JSON")
+    parser.add_argument("--save", metavar="IMAGE", help="draw into a file instead: PNG, SVG or PDF")
+    options = parser.parse_args(arguments)
+
+    if options.file.lower().endswith(".json"):
+        found = _core.Estimate.load(options.file)
+        found.plot(options.save) if options.save else found.show()
+        return 0
+    from sympose.io import read
+    from sympose.plotting import plot_scene, show_scene
+
+    scene = read(options.file)
+    plot_scene(scene, options.save) if options.save else show_scene(scene)
+    return 0
+
+
 def _evaluate(arguments: Sequence[str]) -> int:
     from sympose.evaluation.cli import add_arguments, evaluate
 
@@ -133,6 +159,8 @@ class _Command(NamedTuple):
 
 
 _COMMANDS = {
+    "demo": _Command(_demo, "Scan a synthetic part on a table, estimate its pose, draw every stage"),
+    "view": _Command(_view, "Draw a scan or an estimate, in a window or into a file"),
     "segment": _Command(_segment, "Tell the foreground of a scene with views from its background"),
     "dataset": _Command(_dataset, "Scan a synthetic part with a virtual depth camera"),
     "evaluate": _Command(_evaluate, "Measure the errors on scans whose truth is known"),

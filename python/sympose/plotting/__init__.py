@@ -9,6 +9,7 @@ from __future__ import annotations
 from sympose.plotting.charts import draw_depths, draw_match_curve, draw_yaw
 from sympose.plotting.cloud import Eye, draw_cloud
 from sympose.plotting.pose import plot_estimate, show_estimate
+from sympose.plotting.scene import plot_scene, show_scene
 from sympose.plotting.stages import plot_stages
 
 __all__ = [
@@ -18,6 +19,8 @@ __all__ = [
     "draw_match_curve",
     "draw_yaw",
     "plot_estimate",
+    "plot_scene",
     "plot_stages",
     "show_estimate",
+    "show_scene",
 ]

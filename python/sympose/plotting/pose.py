@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sympose._core import KdTree
-from sympose.errors import SymposeError
 from sympose.plotting.charts import describe, draw_match_curve, draw_rows, draw_yaw
 from sympose.plotting.cloud import Eye, draw_cloud
-from sympose.plotting.style import COMPLETED, INK, MEASURED, label, new_figure, save
+from sympose.plotting.style import COMPLETED, INK, MEASURED, label, new_figure, save, show, two_colors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
     from sympose._core import Estimate
 
-__all__ = ["draw_completed", "plot_estimate", "sector_colors", "show_estimate", "two_colors"]
+__all__ = ["draw_completed", "plot_estimate", "sector_colors", "show_estimate"]
 
 _SIZE = (13.0, 7.8)  # inches
 _AROUND = 25  # points that say whether a region was measured
@@ -54,19 +53,7 @@ def show_estimate(estimate: Estimate) -> None:
         ImportError: matplotlib is missing.
         SymposeError: There is no display to open a window on.
     """
-    new_figure(*_SIZE)  # raises where matplotlib is missing
-    import matplotlib as mpl
-    from matplotlib import pyplot  # here only: a window needs its event loop
-
-    pyplot.switch_backend(pyplot.get_backend())
-    if mpl.get_backend().lower() in {"agg", "cairo", "pdf", "pgf", "ps", "svg", "template"}:
-        raise SymposeError(
-            "there is no display to open a window on; save the figure instead: estimate.plot('pose.png')"
-        )
-    figure = pyplot.figure(figsize=_SIZE, layout="constrained")
-    _draw(figure, estimate)
-    pyplot.show()
-    pyplot.close(figure)
+    show(lambda figure: _draw(figure, estimate), _SIZE)
 
 
 def _draw(figure: Figure, estimate: Estimate) -> None:
@@ -102,13 +89,6 @@ def draw_completed(axes: Axes, eye: Eye, estimate: Estimate, title: str = "Compl
         handles=marks, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=8.5, frameon=False,
         handletextpad=0.0, columnspacing=1.0, borderaxespad=0.0, borderpad=0.1,
     )  # fmt: skip
-
-
-def two_colors(which: NDArray[np.bool_], one: str, other: str) -> NDArray[np.float64]:
-    """(N, 3) colours from 0 to 1: `one` where (N,) `which` holds, else `other`."""
-    from matplotlib.colors import to_rgb
-
-    return np.where(which[:, None], to_rgb(one), to_rgb(other))
 
 
 def sector_colors(sector: NDArray[np.int64]) -> NDArray[np.float64]:

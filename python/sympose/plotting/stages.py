@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sympose.plotting.charts import describe, draw_depths, draw_match_curve, draw_rows, draw_yaw
 from sympose.plotting.cloud import Eye, draw_cloud
-from sympose.plotting.pose import draw_completed, two_colors
-from sympose.plotting.style import INK, INPUT, MEASURED, REMOVED, label, new_figure, save
+from sympose.plotting.pose import draw_completed
+from sympose.plotting.style import INK, INPUT, MEASURED, REMOVED, label, new_figure, save, two_colors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
