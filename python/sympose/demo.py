@@ -100,7 +100,7 @@ def run_demo(
         found,
         folder / "estimate.png",
         title=f"From a raw scan to a pose: {name}, {views} views, seed {seed}",
-        remarks=[(f"error {name}", value) for name, value in _rows(errors, one.order)],
+        remarks=_remarks(errors),
     )
     log.write("done")
     files = tuple(folder / file for file in ("scan.ply", "estimate.json", "completed.ply", "estimate.png"))
@@ -172,6 +172,15 @@ def _rows(errors: PoseErrors, order: object) -> list[tuple[str, str]]:
     if errors.yaw_deg is not None and isinstance(order, int):
         rows.append(("of the yaw", f"{errors.yaw_deg:+.4f} deg (modulo {360.0 / order:g})"))
     return rows
+
+
+def _remarks(errors: PoseErrors) -> list[tuple[str, str]]:
+    """The same in few words, for the picture."""
+    yaw = "" if errors.yaw_deg is None else f", yaw {errors.yaw_deg:+.2g}°"
+    return [
+        ("true error", f"axis {errors.axis_deg:.2g}°{yaw}"),
+        ("", f"across {errors.offset:.2g}, along {errors.along:+.2g}"),
+    ]
 
 
 class _Log:

@@ -55,31 +55,19 @@ class Segmentation:
 
         Raises:
             ImportError: matplotlib is missing.
+            InvalidInputError: The suffix of `path` names no kind of image.
         """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise ImportError("plotting needs matplotlib: pip install 'sympose[plot]'") from error
+        from sympose.plotting.charts import draw_depths
+        from sympose.plotting.style import new_figure, save
 
         count = max(1, min(max_views, len(self.mixtures)))
         columns = min(3, count)
         rows = -(-count // columns)
-        figure = Figure(figsize=(4.5 * columns, 3.2 * rows), layout="constrained")
+        figure = new_figure(4.5 * columns, 3.2 * rows)
         for place, k in enumerate(np.linspace(0, len(self.mixtures) - 1, count).astype(int), start=1):
-            axes = figure.add_subplot(rows, columns, place)
-            axes.set(title=f"view {k}", xlabel="depth", ylabel="density")
-            mixture = self.mixtures[k]
-            if len(mixture.depths) == 0:
-                axes.text(0.5, 0.5, mixture.reason, ha="center", va="center", transform=axes.transAxes)
-                continue
-            axes.hist(mixture.depths, bins=80, density=True, color="0.85")
-            grid = np.linspace(mixture.depths[0], mixture.depths[-1], 500)
-            axes.plot(grid, mixture.component_densities(grid), color="tab:blue", linewidth=0.8)
-            axes.plot(grid, mixture.density(grid), color="black", linewidth=1.2)
-            if mixture.threshold is not None:
-                axes.axvline(mixture.threshold, color="tab:red", linestyle="--")
+            draw_depths(figure.add_subplot(rows, columns, place), self.mixtures[k], f"view {k}")
         if path is not None:
-            figure.savefig(path)
+            save(figure, path)
         return figure
 
 

@@ -9,15 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-
 import sympose
+from numpy.typing import NDArray
 
 matplotlib = pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure  # noqa: E402
 from PIL import Image  # noqa: E402
-
 from sympose.plotting import Eye, draw_cloud, draw_yaw, plot_estimate, plot_scene  # noqa: E402
 from sympose.plotting.charts import describe  # noqa: E402
 
@@ -177,7 +175,7 @@ def test_a_scene_is_drawn_in_its_colours(tmp_path: Path) -> None:
 
 
 def test_an_unknown_suffix_is_refused(found: sympose.Estimate, tmp_path: Path) -> None:
-    with pytest.raises(sympose.InvalidInputError, match="pose.nonsense"):
+    with pytest.raises(sympose.InvalidInputError, match="nonsense"):
         found.plot(tmp_path / "pose.nonsense")
     with pytest.raises(OSError, match="missing"):
         found.plot(tmp_path / "missing" / "pose.png")
@@ -195,3 +193,24 @@ def test_without_a_display_show_says_what_to_do(found: sympose.Estimate) -> None
     matplotlib.use("agg")
     with pytest.raises(sympose.SymposeError, match="save"):
         found.show()
+
+
+def test_the_depths_of_each_view_are_drawn_with_their_cut(tmp_path: Path) -> None:
+    pytest.importorskip("sklearn")
+    from sympose.camera import PinholeCamera, View
+
+    rng = np.random.default_rng(0)
+    part = rng.uniform(-0.3, 0.3, (3000, 3)) + [0.0, 0.0, 2.0]
+    wall = rng.uniform(-3.0, 3.0, (5000, 3)) * [1.0, 1.0, 0.01] + [0.0, 0.0, 5.0]
+    camera = PinholeCamera(160, 120, 140.0, 140.0, 79.5, 59.5)
+    segmentation = sympose.segment(np.concatenate([part, wall]), [View(camera, np.eye(4))] * 2)
+    figure = segmentation.plot(tmp_path / "depths.png")
+    assert (tmp_path / "depths.png").stat().st_size > 5000
+    assert len(figure.axes) == 2
+    for axes, mixture in zip(figure.axes, segmentation.mixtures, strict=True):
+        cuts = [line for line in axes.lines if line.get_label() == "cut"]
+        assert mixture.threshold is not None
+        assert [float(line.get_xdata()[0]) for line in cuts] == [mixture.threshold]
+        curves = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
+        components, (mixed,) = curves[: len(mixture.means)], curves[len(mixture.means) : -1]
+        np.testing.assert_allclose(np.sum(components, axis=0), mixed)

@@ -123,7 +123,7 @@ def draw_rows(axes: Axes, title: str, rows: list[tuple[str, str]]) -> None:
     for k, (name, value) in enumerate(lines):
         height = 0.97 - k * step
         _write(axes, 0.0, height, name, MUTED)
-        _write(axes, 0.3, height, value, INK)
+        _write(axes, 0.26, height, value, INK)
 
 
 def _write(axes: Axes, x: float, y: float, text: str, color: str) -> None:
