@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -389,6 +391,13 @@ def test_the_command_line_writes_tables_and_figures(
     assert main(["--methods", "banana", "--out", str(out)]) == 2
     assert "banana" in capsys.readouterr().err
     assert main(["--parts", str(tmp_path), "--out", str(out)]) == 2
+
+
+@pytest.mark.parametrize("module", ["reference", "scenario", "surface"])
+def test_the_examples_in_the_docstrings_hold(module: str) -> None:
+    result = doctest.testmod(importlib.import_module(f"sympose.evaluation.{module}"))
+    assert result.attempted > 0
+    assert result.failed == 0
 
 
 # ---- captured scenes -----------------------------------------------------------------------

@@ -20,7 +20,6 @@ __all__ = ["Capture", "KnownAxis", "read_captures"]
 
 _MARGIN = 0.03  # metres around an object, so that its surroundings are in the region, too
 _FEWEST = 1000  # points of a labelled object
-_CLUSTER = 0.02  # metres; points nearer than this belong together
 _MUG_DEPTH = 1.05  # metres; behind is the wall
 
 # Objects in depth images: left, top, right, bottom [pixel], and how far they reach back from their front [m].
@@ -35,6 +34,13 @@ _BOXES: dict[str, dict[str, tuple[int, int, int, int, float]]] = {
         "tuna can": (228, 328, 322, 418, 0.10),
         "mustard bottle": (340, 245, 440, 445, 0.10),
     },
+}
+
+# Round objects on the table of the fused scene: where they stand, and a radius that holds them [metres].
+_ROUND = {
+    "bowl with toys": (0.1305, 0.1216, 0.9122, 0.15),
+    "can": (0.1961, 0.0198, 1.0481, 0.045),
+    "noodle cup": (0.3057, -0.0767, 1.1777, 0.085),
 }
 
 
@@ -162,30 +168,23 @@ def _boxes(path: Path, name: str) -> Iterator[Capture]:
         front = np.quantile(depth[inside], 0.05)
         own = scene.points[inside & (depth < front + reach)]
         order = None if what.startswith("mustard") else "continuous"
+        yield Capture(f"{name}: {what}", "object", Scene(own, viewpoints=[0.0, 0.0, 0.0]), order)
         yield Capture(f"{name}: {what}", "region", scene, order, _around(own, 0.005))
 
 
 def _fused(folder: Path) -> Iterator[Capture]:
-    """The objects of a fused tabletop scene, one after the other, and a bottle alone."""
+    """Round objects of a fused tabletop scene, which all touch, cut out by a cylinder; and a bottle alone."""
     points = _finite(read(folder / "scene_cloud.ply").points)
-    for number, own in enumerate(_clusters(points)):
-        yield Capture(f"symseg/scene_cloud.ply: cluster {number}", "object", Scene(own), "continuous")
+    plane = np.loadtxt(folder / "table_plane.txt").ravel()
+    for what, (*foot, radius) in _ROUND.items():
+        offset = points - np.array(foot)
+        inside = np.linalg.norm(np.cross(offset, plane[:3]), axis=1) < radius
+        own = Scene(points[inside])
+        middle = np.array(foot) + np.median(offset[inside] @ plane[:3]) * plane[:3]
+        known = KnownAxis(plane[:3], middle, radius)
+        yield Capture(f"symseg/scene_cloud.ply: {what}", "object", own, "continuous", known=known)
     bottle = _finite(read(folder / "sample_object_cloud.ply").points)
     yield Capture("symseg/sample_object_cloud.ply", "object", Scene(bottle), None)
-
-
-def _clusters(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Connected pieces on a grid, the largest first."""
-    from scipy.ndimage import label  # type: ignore[import-untyped]
-
-    cells = np.floor((points - points.min(axis=0)) / _CLUSTER).astype(int)
-    grid = np.zeros(cells.max(axis=0) + 1, dtype=bool)
-    grid[tuple(cells.T)] = True
-    pieces, _ = label(grid)
-    piece = pieces[tuple(cells.T)]
-    sizes = np.bincount(piece)
-    order = np.argsort(-sizes)
-    return [points[piece == k] for k in order if sizes[k] >= _FEWEST]
 
 
 def _around(points: NDArray[np.float64], margin: float = _MARGIN) -> NDArray[np.float64]:
