@@ -63,7 +63,7 @@ def split_unnamed(table: NDArray[Any], source: str) -> dict[str, NDArray[Any]]:
             part = "neither"
         if part == "neither" or part in parts:
             raise InvalidInputError(
-                f"{source}: cannot tell what columns {first + 1} to {first + 3} are: neither unit normals nor "
+                f"{source}: columns {first + 1} to {first + 3} are neither unit normals nor "
                 "colours (0 to 255, or 0 to 1); name the columns, as in CSV with a header, PLY or NPZ"
             )
         parts[part] = columns

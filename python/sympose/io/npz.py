@@ -26,7 +26,8 @@ def read_npy(path: Path) -> Scene:
 
 def read_npz(path: Path) -> Scene:
     """Read the keys points, normals, colors, viewpoints; or a depth image and its K."""
-    with np.load(path, allow_pickle=False) as archive:
+    # Opened here, since np.load leaves a damaged archive open.
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         keys = set(archive.files)
         if "points" in keys:
             return Scene(
