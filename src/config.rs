@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::preprocess::{GroundParams, NormalParams, StatisticalParams};
+use crate::symmetry::detect::DetectParams;
 use crate::symmetry::order::Order;
 use crate::symmetry::propose::ProposeParams;
 use crate::symmetry::refine::RefineParams;
@@ -161,6 +162,8 @@ pub struct Config {
     pub normals: NormalParams,
     /// Details of the search for the axis.
     pub propose: ProposeParams,
+    /// Details of finding the order.
+    pub detect: DetectParams,
     /// Details of the refinement.
     pub refine: RefineParams,
 }
@@ -185,6 +188,7 @@ impl Default for Config {
             outliers: OutlierParams::default(),
             normals: NormalParams::default(),
             propose: ProposeParams::default(),
+            detect: DetectParams::default(),
             refine: RefineParams::default(),
         }
     }

@@ -14,11 +14,13 @@ use crate::prepare::{Prepared, prepare};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::{FoldedCell, axis_frame, complete};
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
+use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
-use crate::symmetry::propose::{Proposal, propose};
+use crate::symmetry::propose::Proposal;
 use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
-use crate::symmetry::score::match_score;
+use crate::symmetry::score::{MatchScore, match_score};
+use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// A motion that leaves the part looking the same, so that the data cannot fix it.
@@ -211,18 +213,23 @@ impl Estimator {
     fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
         let config = &self.config;
         let control = &request.control;
-        let order = known_order(config.order)?;
         let mut stages = Stages::new(control);
         stages.begin("input")?;
         let prepared = prepare(cloud, config, &mut stages)?;
         let surface = &prepared.surface;
 
         stages.begin("propose")?;
-        let starts = self.starts(&prepared, order, request, control)?;
-        let Some(start) = starts.first() else { return Err(no_axis(&prepared)) };
+        let mut candidates = self.candidates(&prepared, request)?;
 
         stages.begin("refine")?;
-        let found = self.refine(surface, start.axis, order, control)?;
+        let mut settled = self.settle(&prepared, &candidates, control);
+        if request.initial.is_some() && !matches!(&settled, Ok(s) if s.score.value() >= TRACKED) {
+            stages.text("tracking", "lost: searched again");
+            let searched = Request { initial: None, ..request.clone() };
+            candidates = self.candidates(&prepared, &searched)?;
+            settled = self.settle(&prepared, &candidates, control);
+        }
+        let Settled { refined: found, order, score, detection, warnings } = settled?;
         let refined = Samples {
             points: displaced(&surface.samples.points, &found),
             normals: surface.samples.normals.clone(),
@@ -256,18 +263,6 @@ impl Estimator {
         );
         let local_from_object = axis_frame(&axis) * axis_from_object;
         let world_from_object = prepared.world_from_local * local_from_object;
-        let judged = surface.samples.strided(JUDGED);
-        let judge = |turns: &Turns| {
-            match_score(
-                surface,
-                &judged,
-                &axis,
-                turns,
-                self.final_gate(surface),
-                prepared.visibility.as_ref(),
-            )
-        };
-        let evidence = judge(&Turns::half(order, config.refine.max_turns));
         let along = AlongAxis { slide: slide_sigma(&completion.cells), yaw: heading.sigma };
         let (covariance, unobservable) = pose_covariance(
             &found.information,
@@ -283,11 +278,11 @@ impl Estimator {
         Ok(Estimate {
             world_from_object,
             order,
-            score: evidence.value(),
-            explained: evidence.explained(),
+            score: score.value(),
+            explained: detection.explained,
             covariance,
             unobservable,
-            warnings: Vec::new(),
+            warnings,
             points: refined.points.iter().map(world).collect(),
             normals: refined.normals.iter().map(|n| (prepared.world_from_local * n).into()).collect(),
             inliers: prepared.inliers,
@@ -296,53 +291,81 @@ impl Estimator {
             completed_sector: completion.sectors,
             ground: prepared.ground.map(|plane| plane_in_world(plane, &prepared.world_from_local)),
             match_curve,
-            candidates: starts
-                .iter()
-                .map(|p| Candidate {
-                    axis: (prepared.world_from_local * p.axis.direction.into_inner()).into(),
-                    center: world(&p.axis.point),
-                    order,
-                    score: p.score.value(),
-                })
-                .collect(),
+            candidates: candidates.iter().map(|c| in_world(c, &prepared.world_from_local)).collect(),
             timings: stages.timings,
             diagnostics: stages.diagnostics,
         })
     }
 
     /// Axes to refine, best first: the pose given by the caller, or the result of the search.
-    fn starts(
-        &self,
-        prepared: &Prepared,
-        order: Order,
-        request: &Request,
-        control: &Control,
-    ) -> Result<Vec<Proposal>> {
+    fn candidates(&self, prepared: &Prepared, request: &Request) -> Result<Vec<Found>> {
         let surface = &prepared.surface;
-        let turns = Turns::half(order, self.config.propose.max_turns);
-        let local = |world: Vector3<f64>| prepared.world_from_local.inverse() * world;
-        if let Some(initial) = request.initial {
-            let local_from_object = prepared.world_from_local.inverse() * initial;
-            let direction = local_from_object * Vector3::z();
-            if let Some(axis) = Axis::new(direction, local_from_object.translation.vector) {
-                let samples = surface.samples.strided(JUDGED);
-                let gate = self.final_gate(surface);
-                let score = match_score(surface, &samples, &axis, &turns, gate, prepared.visibility.as_ref());
-                return Ok(vec![Proposal { axis, score }]);
-            }
-        }
+        let config = &self.config;
+        let local_from_world = prepared.world_from_local.inverse();
         let hints: Vec<Vector3<f64>> =
             prepared.ground.iter().map(|[x, y, z, _]| Vector3::new(*x, *y, *z)).collect();
-        propose(
-            surface,
-            &turns,
-            prepared.diameter,
-            &hints,
-            self.config.axis_hint.map(|hint| local(hint.into())),
-            prepared.visibility.as_ref(),
-            &self.config.propose,
-            control,
-        )
+        let context = SearchContext {
+            diameter: prepared.diameter,
+            hints: &hints,
+            within: config.axis_hint.map(|hint| local_from_world * Vector3::from(hint)),
+            visibility: prepared.visibility.as_ref(),
+            propose: &config.propose,
+            detect: &config.detect,
+            gate: self.final_gate(surface),
+            control: &request.control,
+        };
+        if let Some(initial) = request.initial {
+            let local_from_object = local_from_world * initial;
+            let direction = local_from_object * Vector3::z();
+            let Some(axis) = Axis::new(direction, local_from_object.translation.vector) else {
+                return Ok(Vec::new());
+            };
+            let proposal = Proposal { axis, score: MatchScore::default() };
+            let order = Some(config.order).filter(|order| *order != Order::Auto);
+            return Ok(vec![Found { proposal, order, explained: 0.0 }]);
+        }
+        match config.order {
+            Order::Auto => search_unknown(surface, &context),
+            order => search_known(surface, order, &context),
+        }
+    }
+
+    /// Refines the candidates until one holds: its order is the declared one, or is found again about the refined axis.
+    fn settle(&self, prepared: &Prepared, candidates: &[Found], control: &Control) -> Result<Settled> {
+        /// Candidates that are refined before the search is given up.
+        const TRIED: usize = 3;
+        let surface = &prepared.surface;
+        let declared = self.config.order;
+        let mut refusal = None;
+        for candidate in candidates.iter().take(TRIED) {
+            // Where no order is known yet, turns of the continuous group align whatever there is.
+            let start = candidate.order.unwrap_or(Order::Continuous);
+            let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
+            let detection = self.detect(prepared, &refined.axis);
+            let order = if declared == Order::Auto { detection.order } else { Some(declared) };
+            let Some(order) = order else {
+                refusal.get_or_insert((refined.axis, detection));
+                continue;
+            };
+            if order != start {
+                refined = self.refine(surface, refined.axis, order, control)?;
+            }
+            let turns = Turns::half(order, self.config.refine.max_turns);
+            let samples = surface.samples.strided(JUDGED);
+            let gate = self.final_gate(surface);
+            let score =
+                match_score(surface, &samples, &refined.axis, &turns, gate, prepared.visibility.as_ref());
+            let mut warnings = Vec::new();
+            warnings.extend(order_warning(declared, &detection));
+            return Ok(Settled { refined, order, score, detection, warnings });
+        }
+        Err(no_symmetry(prepared, refusal))
+    }
+
+    fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
+        let surface = &prepared.surface;
+        let gate = Gate { distance: DETECTION_GATE * surface.spacing, ..self.final_gate(surface) };
+        detect_order(surface, axis, gate, prepared.visibility.as_ref(), &self.config.detect)
     }
 
     /// Aligns on a part of the points, then on all, then moves the points too.
@@ -388,21 +411,64 @@ const JUDGED: usize = 4000;
 /// Points on which the axis is aligned before all are used.
 const COARSE: usize = 4000;
 
-fn known_order(order: Order) -> Result<Order> {
-    match order {
-        Order::Auto => Err(Error::InvalidParameter {
-            name: "order",
-            value: "auto".into(),
-            expected: "an integer from 2 to 360 or \"continuous\": this version does not find the order yet",
-        }),
-        known => Ok(known),
+/// Distance of a match when the order is found [point spacings].
+const DETECTION_GATE: f64 = 2.5;
+
+/// Score below which a pose that was tracked counts as lost.
+const TRACKED: f64 = 0.5;
+
+/// An axis with the order that holds about it.
+struct Settled {
+    refined: Refined,
+    order: Order,
+    score: MatchScore,
+    detection: Detection,
+    warnings: Vec<String>,
+}
+
+/// What the caller should know when the data says something else than the declared order.
+fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
+    match (declared, detection.order) {
+        (Order::Auto, _) => None,
+        (declared, Some(found)) if declared == found => None,
+        (declared, Some(found)) => {
+            Some(format!("order {declared} was declared, but the data is explained better by order {found}"))
+        }
+        (declared, None) => Some(format!(
+            "order {declared} was declared, but no rotational symmetry explains the data: at most {:.0} % of the \
+             observed surface agrees",
+            100.0 * detection.explained
+        )),
     }
 }
 
-fn no_axis(prepared: &Prepared) -> Error {
-    let center = (prepared.world_from_local * Point3::from(prepared.surface.centroid())).coords.into();
-    let reason = "no direction within reach could be aligned".to_owned();
-    Error::NoSymmetry { evidence: Evidence { center, reason, ..Evidence::default() } }
+fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
+    let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
+    let evidence = match refusal {
+        Some((axis, detection)) => Evidence {
+            axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
+            center: world(axis.point),
+            explained: detection.explained,
+            score: 0.0,
+            reason: "about the best axis no rotation maps the part to itself".to_owned(),
+        },
+        None => Evidence {
+            center: world(prepared.surface.centroid()),
+            reason: "no direction within reach could be aligned".to_owned(),
+            ..Evidence::default()
+        },
+    };
+    Error::NoSymmetry { evidence }
+}
+
+fn in_world(found: &Found, world_from_local: &Isometry3<f64>) -> Candidate {
+    let axis = &found.proposal.axis;
+    Candidate {
+        axis: (world_from_local * axis.direction.into_inner()).into(),
+        center: (world_from_local * Point3::from(axis.point)).coords.into(),
+        order: found.order.unwrap_or(Order::Auto),
+        score: found.proposal.score.value(),
+    }
 }
 
 fn displaced(points: &[Vector3<f64>], found: &Refined) -> Vec<Vector3<f64>> {

@@ -1,0 +1,286 @@
+//! The order of the symmetry about a known axis, from what rotated points meet at every multiple of every order.
+//!
+//! A surface of revolution matches itself at any angle and says nothing about the order: on a rim the barrel would drown
+//! the spokes. So only *structured* points are asked: those that some rotation turns into a place seen to be empty.
+
+use std::collections::{HashMap, HashSet};
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::symmetry::axis::Axis;
+use crate::symmetry::order::Order;
+use crate::symmetry::score::{MISSING, Outcome, outcome};
+use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::visibility::Visibility;
+
+/// How the order is found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DetectParams {
+    /// Largest discrete order that is looked for; finer ones count as continuous.
+    pub max_order: u32,
+    /// Points that are rotated to find the rings of the surface that have structure [count].
+    pub samples: usize,
+    /// Points of these rings that are rotated to find the order [count].
+    pub ring_samples: usize,
+    /// Share of the angles at which a point must be contradicted to count as structured.
+    pub structured: f64,
+    /// Share of structured points below which the surface is one of revolution.
+    pub continuous: f64,
+    /// How much of the contrast between matching and generic angles an order may give away on average.
+    pub tolerance: f64,
+    /// The same for the worst of its multiples.
+    pub worst_tolerance: f64,
+    /// Share of the evidence against a symmetry beyond which it is refused.
+    pub refused: f64,
+}
+
+impl Default for DetectParams {
+    fn default() -> Self {
+        Self {
+            max_order: 60,
+            samples: 600,
+            ring_samples: 800,
+            structured: 0.1,
+            continuous: 0.01,
+            tolerance: 0.2,
+            worst_tolerance: 0.5,
+            refused: 0.09,
+        }
+    }
+}
+
+/// What the sweep over all angles says.
+#[derive(Debug, Clone)]
+pub struct Detection {
+    /// The order, or `None` when no rotation maps the part to itself.
+    pub order: Option<Order>,
+    /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
+    pub explained: f64,
+    /// Share of the points that tell one angle from another.
+    pub structured: f64,
+    /// Evidence against each discrete order from 2 on, on structured points, in [0, 1].
+    pub against: Vec<f64>,
+    /// Evidence against a generic angle, on structured points, in [0, 1].
+    pub generic: f64,
+}
+
+/// Evidence gathered at some angles: weights for and against.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally {
+    agreeing: f64,
+    against: f64,
+}
+
+impl Tally {
+    fn add(&mut self, outcome: Outcome) {
+        match outcome {
+            Outcome::Matched => self.agreeing += 1.0,
+            Outcome::Contradicted => self.against += 1.0,
+            Outcome::Missing => self.against += MISSING,
+            Outcome::Hidden => {}
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.agreeing += other.agreeing;
+        self.against += other.against;
+    }
+
+    /// Share of the evidence that speaks against; 1 when there is none for it.
+    fn share_against(&self) -> f64 {
+        let total = self.agreeing + self.against;
+        if total > 0.0 { self.against / total } else { 1.0 }
+    }
+}
+
+/// Outcomes of every sample at every fraction of a turn k/n up to one half, n up to some largest order.
+struct Sweep {
+    fractions: Vec<(u32, u32)>,
+    row_of: HashMap<(u32, u32), usize>,
+    outcomes: Vec<Vec<Outcome>>,
+}
+
+impl Sweep {
+    fn new(
+        surface: &Surface,
+        samples: &Samples,
+        axis: &Axis,
+        max_order: u32,
+        gate: Gate,
+        visibility: Option<&Visibility>,
+    ) -> Self {
+        let fractions: Vec<(u32, u32)> = (2..=max_order)
+            .flat_map(|n| (1..=n / 2).map(move |k| (k, n)))
+            .filter(|&(k, n)| gcd(k, n) == 1)
+            .collect();
+        let outcomes = fractions
+            .par_iter()
+            .map(|&(k, n)| {
+                let turn = axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
+                let rotated = samples.points.iter().zip(&samples.normals);
+                rotated.map(|(p, normal)| outcome(surface, p, normal, &turn, gate, visibility)).collect()
+            })
+            .collect();
+        let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
+        Self { fractions, row_of, outcomes }
+    }
+
+    /// Evidence at k/n over the chosen samples.
+    fn tally(&self, k: u32, n: u32, chosen: &[usize]) -> Tally {
+        let divisor = gcd(k, n);
+        let reduced = (k / divisor, n / divisor);
+        let mut tally = Tally::default();
+        if let Some(&row) = self.row_of.get(&reduced) {
+            for &i in chosen {
+                tally.add(self.outcomes[row][i]);
+            }
+        }
+        tally
+    }
+
+    /// Evidence at all multiples of 1/n, and the share against the worst of them.
+    fn order(&self, n: u32, chosen: &[usize]) -> (Tally, f64) {
+        /// A multiple with less evidence than this decides nothing alone.
+        const ENOUGH: f64 = 10.0;
+        let mut sum = Tally::default();
+        let mut worst: f64 = 0.0;
+        for k in 1..=n / 2 {
+            let tally = self.tally(k, n, chosen);
+            if tally.agreeing + tally.against >= ENOUGH {
+                worst = worst.max(tally.share_against());
+            }
+            sum.merge(&tally);
+        }
+        (sum, worst)
+    }
+
+    /// Evidence at generic angles: fractions of a large denominator, which few orders share.
+    fn generic(&self, chosen: &[usize]) -> Tally {
+        let largest = self.fractions.last().map_or(2, |&(_, n)| n);
+        let mut sum = Tally::default();
+        for (row, &(_, n)) in self.fractions.iter().enumerate() {
+            if 3 * n > 2 * largest {
+                for &i in chosen {
+                    sum.add(self.outcomes[row][i]);
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// Largest order of the sweep that finds the structured rings.
+const SURVEY_ORDER: u32 = 24;
+
+/// Size of a ring in radius and height [largest radius].
+const RING: f64 = 0.04;
+
+/// Points of the rings in which some point has structure.
+fn structured_rings(
+    surface: &Surface,
+    axis: &Axis,
+    survey: &Samples,
+    structured: &[usize],
+    count: usize,
+) -> Samples {
+    let along = axis.direction.into_inner();
+    let cylinder = |p: &Vector3<f64>| {
+        let d = p - axis.point;
+        let height = d.dot(&along);
+        ((d - along * height).norm(), height)
+    };
+    let largest = survey.points.iter().map(|p| cylinder(p).0).fold(f64::MIN_POSITIVE, f64::max);
+    let ring = |p: &Vector3<f64>| {
+        let (radius, height) = cylinder(p);
+        ((radius / (RING * largest)) as i32, (height / (RING * largest)).floor() as i32)
+    };
+    let rings: HashSet<(i32, i32)> = structured.iter().map(|&i| ring(&survey.points[i])).collect();
+    let inside: Vec<usize> = surface
+        .samples
+        .points
+        .par_iter()
+        .enumerate()
+        .filter(|(_, p)| rings.contains(&ring(p)))
+        .map(|(i, _)| i)
+        .collect();
+    let chosen = Samples {
+        points: inside.iter().map(|&i| surface.samples.points[i]).collect(),
+        normals: inside.iter().map(|&i| surface.samples.normals[i]).collect(),
+    };
+    chosen.strided(count)
+}
+
+/// Samples that a share of the generic angles contradicts.
+fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize> {
+    let contradicted = |i: usize| {
+        let tally = sweep.generic(&[i]);
+        tally.against > 0.0 && tally.share_against() > threshold
+    };
+    (0..count).into_par_iter().filter(|&i| contradicted(i)).collect()
+}
+
+/// Finds the order of `surface` about `axis`.
+#[must_use]
+pub fn detect_order(
+    surface: &Surface,
+    axis: &Axis,
+    gate: Gate,
+    visibility: Option<&Visibility>,
+    params: &DetectParams,
+) -> Detection {
+    let survey = surface.samples.strided(params.samples);
+    let everything: Vec<usize> = (0..survey.points.len()).collect();
+    let sweep = Sweep::new(surface, &survey, axis, params.max_order.min(SURVEY_ORDER), gate, visibility);
+    let generic_all = sweep.generic(&everything).share_against();
+    let structured = structured_samples(&sweep, survey.points.len(), params.structured);
+    let share = structured.len() as f64 / everything.len().max(1) as f64;
+    let mut detection = Detection {
+        order: Some(Order::Continuous),
+        explained: 1.0 - generic_all,
+        structured: share,
+        against: Vec::new(),
+        generic: 0.0,
+    };
+    if share < params.continuous {
+        return detection;
+    }
+    let samples = structured_rings(surface, axis, &survey, &structured, params.ring_samples);
+    let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, visibility);
+    let structured = structured_samples(&sweep, samples.points.len(), params.structured);
+    let orders: Vec<u32> = (2..=params.max_order).collect();
+    let evidence: Vec<(f64, f64)> = orders
+        .par_iter()
+        .map(|&n| {
+            let (tally, worst) = sweep.order(n, &structured);
+            (tally.share_against(), worst)
+        })
+        .collect();
+    detection.against = evidence.iter().map(|e| e.0).collect();
+    detection.generic = sweep.generic(&structured).share_against();
+    let floor = detection.against.iter().copied().fold(f64::INFINITY, f64::min);
+    let contrast = detection.generic - floor;
+    let holds = |(mean, worst): &(f64, f64)| {
+        *mean <= floor + params.tolerance * contrast && *worst <= floor + params.worst_tolerance * contrast
+    };
+    let best = orders.iter().zip(&evidence).filter(|(_, e)| holds(e)).map(|(n, _)| *n).max();
+    match best {
+        Some(n) if floor < params.refused && contrast > params.structured => {
+            detection.order = Some(Order::Cyclic(n));
+            detection.explained = 1.0 - share * sweep.order(n, &structured).0.share_against();
+        }
+        // What structure there is fits no order: a dent or a seam on a surface of revolution, or no symmetry at all.
+        _ if generic_all < 0.5 * params.refused => {}
+        _ => {
+            detection.order = None;
+            detection.explained = 1.0 - share * floor;
+        }
+    }
+    detection
+}
+
+fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}

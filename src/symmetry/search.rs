@@ -1,0 +1,133 @@
+//! Axis and order together: axes proposed under several orders, each asked for the order that it really has.
+
+use nalgebra::Vector3;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::symmetry::detect::{DetectParams, detect_order};
+use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::propose::{Proposal, ProposeParams, propose};
+use crate::symmetry::score::match_score;
+use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::visibility::Visibility;
+
+/// Orders under which axes are proposed when none is known: small primes, whose multiples they also find, and turns
+/// that share no small divisor, which find high orders and surfaces of revolution.
+const HYPOTHESES: [Order; 5] =
+    [Order::Cyclic(2), Order::Cyclic(3), Order::Cyclic(5), Order::Cyclic(7), Order::Continuous];
+
+/// Proposals of each hypothesis that are asked for their order.
+const ASKED: usize = 3;
+
+/// An axis is as good as the best one when its score reaches this share of it.
+const EQUALLY_GOOD: f64 = 0.85;
+
+/// Everything the search needs beside the surface.
+pub struct SearchContext<'a> {
+    /// Size of the part [length].
+    pub diameter: f64,
+    /// Directions worth a try.
+    pub hints: &'a [Vector3<f64>],
+    /// A direction that the axis must stay near.
+    pub within: Option<Vector3<f64>>,
+    /// What the cameras saw to be empty.
+    pub visibility: Option<&'a Visibility>,
+    /// How axes are proposed.
+    pub propose: &'a ProposeParams,
+    /// How orders are found.
+    pub detect: &'a DetectParams,
+    /// What a match may differ in.
+    pub gate: Gate,
+    /// Cancellation and deadline.
+    pub control: &'a Control,
+}
+
+/// An axis with the order that it was proposed or found to have; `None` when no rotation about it fits.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// Axis and score.
+    pub proposal: Proposal,
+    /// Order.
+    pub order: Option<Order>,
+    /// Share of the observed surface that the order explains.
+    pub explained: f64,
+}
+
+/// Axes under a known order, best first.
+///
+/// # Errors
+/// When the work is cancelled.
+pub fn search_known(surface: &Surface, order: Order, context: &SearchContext<'_>) -> Result<Vec<Found>> {
+    let found = propose_under(surface, order, context)?.into_iter().map(|proposal| {
+        let explained = proposal.score.explained();
+        Found { proposal, order: Some(order), explained }
+    });
+    Ok(found.collect())
+}
+
+/// Axes and orders, best first: of the axes that explain the data about equally well, the one with the largest group.
+///
+/// A dihedral part has two-fold axes across its main one that match as well; the largest group tells them apart.
+///
+/// # Errors
+/// When the work is cancelled.
+pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<Vec<Found>> {
+    let quick = DetectParams {
+        max_order: context.detect.max_order.min(24),
+        samples: context.detect.samples.min(250),
+        ring_samples: context.detect.ring_samples.min(250),
+        ..context.detect.clone()
+    };
+    let mut found: Vec<Found> = Vec::new();
+    for hypothesis in HYPOTHESES {
+        let proposals = propose_under(surface, hypothesis, context)?;
+        for mut proposal in proposals.into_iter().take(ASKED) {
+            let same = |f: &Found| {
+                f.proposal.axis.angle_to(&proposal.axis) < 0.02
+                    && f.proposal.axis.distance(&proposal.axis.point) < 0.01 * context.diameter
+            };
+            if found.iter().any(same) {
+                continue;
+            }
+            let detection = detect_order(surface, &proposal.axis, context.gate, context.visibility, &quick);
+            let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
+            let samples = surface.samples.strided(1000);
+            proposal.score =
+                match_score(surface, &samples, &proposal.axis, &turns, context.gate, context.visibility);
+            found.push(Found { proposal, order: detection.order, explained: detection.explained });
+            context.control.check()?;
+        }
+    }
+    let best =
+        found.iter().filter(|f| f.order.is_some()).map(|f| f.proposal.score.value()).fold(0.0, f64::max);
+    let rank = |f: &Found| {
+        let good = f.order.is_some() && f.proposal.score.value() >= EQUALLY_GOOD * best;
+        let group = if good { f.order.map_or(0, group_size) } else { 0 };
+        (f.order.is_some(), group)
+    };
+    found.sort_by(|a, b| {
+        rank(b).cmp(&rank(a)).then(b.proposal.score.value().total_cmp(&a.proposal.score.value()))
+    });
+    Ok(found)
+}
+
+fn group_size(order: Order) -> u32 {
+    match order {
+        Order::Cyclic(n) => n,
+        Order::Continuous => u32::MAX,
+        Order::Auto => 0,
+    }
+}
+
+fn propose_under(surface: &Surface, order: Order, context: &SearchContext<'_>) -> Result<Vec<Proposal>> {
+    propose(
+        surface,
+        &Turns::half(order, context.propose.max_turns),
+        context.diameter,
+        context.hints,
+        context.within,
+        context.visibility,
+        context.propose,
+        context.control,
+    )
+}
