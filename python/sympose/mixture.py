@@ -37,7 +37,7 @@ _BORDER_SHARE = 0.01  # of the points on the border, for a side that reaches it;
 # The least gap, as a share of the size of what lies in front, where
 _MIN_GAP = 0.15  # both sides reach the border (a table before a wall),
 _MIN_GAP_COMPACT = 0.4  # only what lies behind does (an object before a wall),
-_MIN_GAP_INSIDE = 0.75  # not even that does (two objects, or one).
+_MIN_GAP_INSIDE = 1.0  # not even that does (two objects, or one).
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,6 +231,7 @@ def _gap_at(cut: float, sample: DepthSample) -> tuple[float, str]:
         needed = _MIN_GAP_COMPACT * size
     else:
         needed = _MIN_GAP * size
-    if gap > needed:
+    # What has no size is no object either, but the same point again and again.
+    if gap > needed > 0.0:
         return gap, ""
     return gap, f"the gap about depth {cut:.4g} is {max(gap, 0.0):.4g} long, {needed:.4g} would be needed"

@@ -43,7 +43,7 @@ def read_pcd(path: Path) -> Scene:
         columns["points"],
         _packed_colors(cloud) if "colors" not in columns else to_colors(columns["colors"]),
         known_normals(columns.get("normals")),
-        None if default and header.height == 1 else position,
+        None if (default and header.height == 1) or not np.isfinite(position).all() else position,
         name=path.name,
     )
 
