@@ -257,11 +257,8 @@ impl Estimator {
         stages.number("yaw_angle", heading.angle);
         stages.diagnostics.insert("yaw_histogram".into(), Diagnostic::Series(heading.histogram.clone()));
 
-        let axis_from_object = Isometry3::from_parts(
-            Vector3::new(0.0, 0.0, height).into(),
-            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading.angle),
-        );
-        let local_from_object = axis_frame(&axis) * axis_from_object;
+        let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);
+        let local_from_object = place(&axis, height, heading.angle, order, preferred);
         let world_from_object = prepared.world_from_local * local_from_object;
         let along = AlongAxis { slide: slide_sigma(&completion.cells), yaw: heading.sigma };
         let (covariance, unobservable) = pose_covariance(
@@ -424,6 +421,32 @@ struct Settled {
     score: MatchScore,
     detection: Detection,
     warnings: Vec<String>,
+}
+
+/// The pose on `axis`; of the equivalent ones the one nearest in rotation to `preferred`, if there is one.
+fn place(
+    axis: &Axis,
+    height: f64,
+    heading: f64,
+    order: Order,
+    preferred: Option<Isometry3<f64>>,
+) -> Isometry3<f64> {
+    let pose = |angle: f64| {
+        let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+        axis_frame(axis) * Isometry3::from_parts(Vector3::new(0.0, 0.0, height).into(), about_axis)
+    };
+    let Some(preferred) = preferred else { return pose(heading) };
+    let (steps, start) = match order {
+        Order::Cyclic(n) => (n, heading),
+        _ => {
+            // Any angle will do: turn +x as near to the preferred +x as it gets.
+            let x = axis_frame(axis).inverse() * (preferred * Vector3::x());
+            (1, x.y.atan2(x.x))
+        }
+    };
+    let angles = (0..steps).map(|k| start + std::f64::consts::TAU * f64::from(k) / f64::from(steps));
+    let away = |angle: &f64| pose(*angle).rotation.angle_to(&preferred.rotation);
+    pose(angles.min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(heading))
 }
 
 /// What the caller should know when the data says something else than the declared order.

@@ -33,8 +33,10 @@ pub struct DetectParams {
     pub tolerance: f64,
     /// The same for the worst of its multiples.
     pub worst_tolerance: f64,
-    /// Share of the evidence against a symmetry beyond which it is refused.
+    /// Share of the evidence of structured points against a symmetry beyond which it is refused.
     pub refused: f64,
+    /// Share of the observed surface that a symmetry must explain.
+    pub explained: f64,
 }
 
 impl Default for DetectParams {
@@ -48,6 +50,7 @@ impl Default for DetectParams {
             tolerance: 0.2,
             worst_tolerance: 0.5,
             refused: 0.09,
+            explained: 0.96,
         }
     }
 }
@@ -268,11 +271,11 @@ pub fn detect_order(
     let best = orders.iter().zip(&evidence).filter(|(_, e)| holds(e)).map(|(n, _)| *n).max();
     match best {
         Some(n) if floor < params.refused && contrast > params.structured => {
-            detection.order = Some(Order::Cyclic(n));
             detection.explained = 1.0 - share * sweep.order(n, &structured).0.share_against();
+            detection.order = (detection.explained >= params.explained).then_some(Order::Cyclic(n));
         }
         // What structure there is fits no order: a dent or a seam on a surface of revolution, or no symmetry at all.
-        _ if generic_all < 0.5 * params.refused => {}
+        _ if detection.explained >= params.explained => {}
         _ => {
             detection.order = None;
             detection.explained = 1.0 - share * floor;

@@ -23,6 +23,7 @@ const ASKED: usize = 3;
 const EQUALLY_GOOD: f64 = 0.85;
 
 /// Everything the search needs beside the surface.
+#[derive(Clone, Copy)]
 pub struct SearchContext<'a> {
     /// Size of the part [length].
     pub diameter: f64,
@@ -78,10 +79,11 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
         ring_samples: context.detect.ring_samples.min(250),
         ..context.detect.clone()
     };
+    let params = ProposeParams { samples: [120, 250, 600], kept: [12, 5, ASKED], ..context.propose.clone() };
+    let context = SearchContext { propose: &params, ..*context };
     let mut found: Vec<Found> = Vec::new();
     for hypothesis in HYPOTHESES {
-        let proposals = propose_under(surface, hypothesis, context)?;
-        for mut proposal in proposals.into_iter().take(ASKED) {
+        for mut proposal in propose_under(surface, hypothesis, &context)? {
             let same = |f: &Found| {
                 f.proposal.axis.angle_to(&proposal.axis) < 0.02
                     && f.proposal.axis.distance(&proposal.axis.point) < 0.01 * context.diameter
