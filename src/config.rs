@@ -85,15 +85,15 @@ pub enum Yaw {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutlierParams {
-    /// Radius of the radius filter [voxels].
+    /// Radius of the radius filter \[voxels\].
     pub radius: f64,
-    /// Neighbours that a point must have within that radius [count]; less than `k`.
+    /// Neighbours that a point must have within that radius \[count\]; less than `k`.
     pub min_neighbors: usize,
-    /// Neighbours of the statistical filter, the point itself included [count].
+    /// Neighbours of the statistical filter, the point itself included \[count\].
     pub k: usize,
     /// Standard deviations beyond the mean at which the statistical filter cuts.
     pub std_ratio: f64,
-    /// Gap that separates clusters [diameters].
+    /// Gap that separates clusters \[diameters\].
     pub cluster_distance: f64,
     /// Size at which a cluster is kept beside the main one [share of the main one].
     pub cluster_ratio: f64,
@@ -136,13 +136,13 @@ pub struct Config {
     pub threads: Option<usize>,
     /// Points with a NaN or infinite coordinate.
     pub non_finite: NonFinite,
-    /// Lower and upper corner of the region of interest, world frame [length]; points outside are ignored.
+    /// Lower and upper corner of the region of interest, world frame \[length\]; points outside are ignored.
     pub roi: Option<[[f64; 3]; 2]>,
     /// Rough direction of the axis, world frame, sign ignored; the search stays within 30 degrees of it.
     pub axis_hint: Option<[f64; 3]>,
     /// Support plane.
     pub ground: GroundMode,
-    /// Edge of a voxel [length].
+    /// Edge of a voxel \[length\].
     pub voxel_size: Option<f64>,
     /// Cluster that is kept.
     pub cluster: ClusterMode,

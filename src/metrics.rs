@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::spatial::KdTree;
 use crate::symmetry::axis::Axis;
 
-/// ADD-S: mean distance from each estimated point to the nearest true one [length].
+/// ADD-S: mean distance from each estimated point to the nearest true one \[length\].
 ///
 /// `points` are in the object frame, poses are `world_from_object`. Reference: Xiang et al., PoseCNN (2018); equation
 /// (8) of Dai et al. (arXiv 2606.16593).
@@ -32,7 +32,7 @@ pub fn adds(points: &[[f64; 3]], estimated: &Isometry3<f64>, truth: &Isometry3<f
     Ok(parts.iter().sum::<f64>() / points.len() as f64)
 }
 
-/// MSSD: the largest distance between estimated and true points, minimised over the symmetries of the part [length].
+/// MSSD: the largest distance between estimated and true points, minimised over the symmetries of the part \[length\].
 ///
 /// `symmetries` are motions in the object frame that leave the part unchanged; the identity is always among them.
 /// Reference: Hodan et al., BOP Challenge 2020.
@@ -71,7 +71,7 @@ pub fn axis_angle(estimated: &Axis, truth: &Axis) -> f64 {
     estimated.angle_to(truth)
 }
 
-/// Distance of the true centre from the estimated axis line [length].
+/// Distance of the true centre from the estimated axis line \[length\].
 #[must_use]
 pub fn axis_offset(estimated: &Axis, true_center: &[f64; 3]) -> f64 {
     estimated.distance(&(*true_center).into())

@@ -24,9 +24,9 @@ pub(crate) struct Prepared {
     pub world_from_local: Isometry3<f64>,
     /// The part.
     pub surface: Surface,
-    /// Size of the part [length].
+    /// Size of the part \[length\].
     pub diameter: f64,
-    /// Edge of a voxel [length].
+    /// Edge of a voxel \[length\].
     pub voxel_size: f64,
     /// Input rows behind the surface, ascending.
     pub inliers: Vec<u32>,
@@ -236,7 +236,7 @@ fn principal_frame(points: &[[f64; 3]]) -> Result<Isometry3<f64>> {
     Ok(Isometry3::from_parts(centroid.into(), rotation.into()))
 }
 
-/// Largest extent over thirteen directions, without the outermost half percent at either end [length].
+/// Largest extent over thirteen directions, without the outermost half percent at either end \[length\].
 fn width(points: &[[f64; 3]]) -> f64 {
     const TRIMMED: f64 = 0.005;
     /// More points than this do not make the quantiles better.

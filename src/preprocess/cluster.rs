@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ClusterParams {
-    /// Points up to this far apart always belong together [length].
+    /// Points up to this far apart always belong together \[length\].
     pub distance: f64,
     /// Further clusters are kept when they have at least this share of the points of the largest, in [0, 1].
     pub keep_ratio: f64,

@@ -20,7 +20,7 @@ pub struct GroundParams {
     pub one_sided: f64,
     /// How far a support must reach beyond the rest [radii of the footprint of the rest].
     pub reach: f64,
-    /// Planes that are looked at, one after the other [count].
+    /// Planes that are looked at, one after the other \[count\].
     pub max_planes: usize,
     /// Seed of the samples.
     pub seed: u64,

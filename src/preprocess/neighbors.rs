@@ -245,7 +245,7 @@ impl Block {
     }
 }
 
-/// Median distance of a point to its nearest neighbour [length], over up to 2000 points taken at even steps.
+/// Median distance of a point to its nearest neighbour \[length\], over up to 2000 points taken at even steps.
 ///
 /// Exact duplicates are not neighbours. 0 when all points coincide.
 #[must_use]

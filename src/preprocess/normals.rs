@@ -15,9 +15,9 @@ use crate::spatial::KdTree;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NormalParams {
-    /// Neighbours of the local plane, the point itself included [count].
+    /// Neighbours of the local plane, the point itself included \[count\].
     pub k: usize,
-    /// Neighbours farther than this are ignored [length].
+    /// Neighbours farther than this are ignored \[length\].
     pub max_radius: Option<f64>,
 }
 

@@ -24,9 +24,9 @@ const REFITS: usize = 2;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlaneParams {
-    /// Largest distance of an inlier from the plane, inclusive [length].
+    /// Largest distance of an inlier from the plane, inclusive \[length\].
     pub distance: f64,
-    /// Hypotheses tried at most [count].
+    /// Hypotheses tried at most \[count\].
     pub max_iterations: usize,
     /// Probability of having drawn three inliers at which the search stops, in (0, 1].
     pub probability: f64,
@@ -148,7 +148,7 @@ impl HalfSpace {
         Self { normal, d: -normal.dot(point) }
     }
 
-    /// Signed distance of a point [length].
+    /// Signed distance of a point \[length\].
     #[inline]
     pub(crate) fn distance(&self, p: &[f64; 3]) -> f64 {
         self.normal.x * p[0] + self.normal.y * p[1] + self.normal.z * p[2] + self.d

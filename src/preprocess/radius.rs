@@ -11,9 +11,9 @@ use crate::error::Result;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RadiusParams {
-    /// Radius of the neighbourhood, inclusive [length].
+    /// Radius of the neighbourhood, inclusive \[length\].
     pub radius: f64,
-    /// Other points that the neighbourhood must hold [count].
+    /// Other points that the neighbourhood must hold \[count\].
     pub min_neighbors: usize,
 }
 

@@ -13,7 +13,7 @@ use crate::spatial::{KdTree, Neighbor};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StatisticalParams {
-    /// Neighbours that the mean distance is taken over, the point itself included [count].
+    /// Neighbours that the mean distance is taken over, the point itself included \[count\].
     pub k: usize,
     /// How far above the average the mean distance may lie [standard deviations].
     pub std_ratio: f64,

@@ -8,7 +8,7 @@ use crate::error::Result;
 /// A downsampled cloud and the way back to the points it came from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VoxelGrid {
-    /// Mean of the points of each occupied cell [length]; cells in Morton order, so neighbours in space are close in
+    /// Mean of the points of each occupied cell \[length\]; cells in Morton order, so neighbours in space are close in
     /// memory.
     pub points: Vec<[f64; 3]>,
     /// Number of points of each cell.
@@ -33,7 +33,7 @@ impl VoxelGrid {
     }
 }
 
-/// Replaces the points of each cubic cell of edge `voxel_size` [length] by their mean.
+/// Replaces the points of each cubic cell of edge `voxel_size` \[length\] by their mean.
 ///
 /// The grid starts half a voxel below the lower corner of the bounding box, as in Open3D, and the result is the same
 /// set of means. The cells come in Morton order. Sums run over the points in input order, so the result does not

@@ -68,7 +68,7 @@ impl Correspondences {
 pub struct Unknowns {
     /// The symmetry axis.
     pub axis: Axis,
-    /// Displacement of each point [length]; empty when the points are held fixed.
+    /// Displacement of each point \[length\]; empty when the points are held fixed.
     pub offsets: Vec<Vector3<f64>>,
 }
 
@@ -91,7 +91,7 @@ pub struct SelfAlignment<'a> {
     pub loss: Huber,
     /// Weight of a point's own measurement against one match.
     pub anchor: f64,
-    /// Largest displacement of a point [length].
+    /// Largest displacement of a point \[length\].
     pub max_offset: f64,
 }
 

@@ -30,7 +30,7 @@ impl Axis {
         [u, a.cross(&u)]
     }
 
-    /// Applies a step: tilt about both tangents [rad], then shift along both [length].
+    /// Applies a step: tilt about both tangents \[rad\], then shift along both \[length\].
     #[must_use]
     pub fn retract(&self, step: &Vector4<f64>) -> Self {
         let [u, v] = self.tangents();
@@ -67,7 +67,7 @@ impl Axis {
         a.cross(&b).norm().atan2(a.dot(&b).abs())
     }
 
-    /// Rotation about the line by `angle` [rad].
+    /// Rotation about the line by `angle` \[rad\].
     #[must_use]
     pub fn turn(&self, angle: f64) -> Turn {
         let rotation = Rotation3::from_axis_angle(&self.direction, angle).into_inner();
@@ -80,7 +80,7 @@ impl Axis {
 pub struct Turn {
     /// Rotation matrix.
     pub rotation: Matrix3<f64>,
-    /// Translation [length].
+    /// Translation \[length\].
     pub translation: Vector3<f64>,
 }
 

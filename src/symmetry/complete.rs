@@ -14,7 +14,7 @@ use crate::symmetry::surface::Samples;
 /// A cell of the folded sector: everything measured there, in any sector.
 #[derive(Debug, Clone, Copy)]
 pub struct FoldedCell {
-    /// Mean position in the axis frame, turned into the first sector [length].
+    /// Mean position in the axis frame, turned into the first sector \[length\].
     pub position: Vector3<f64>,
     /// Surface that the cell stands for over all sectors [squared cell edges].
     pub area: f64,
@@ -23,13 +23,13 @@ pub struct FoldedCell {
 }
 
 impl FoldedCell {
-    /// Distance from the axis [length].
+    /// Distance from the axis \[length\].
     #[must_use]
     pub fn radius(&self) -> f64 {
         self.position.xy().norm()
     }
 
-    /// Angle about the axis [rad].
+    /// Angle about the axis \[rad\].
     #[must_use]
     pub fn angle(&self) -> f64 {
         self.position.y.atan2(self.position.x)
@@ -90,7 +90,7 @@ impl Ring {
     }
 }
 
-/// Completes `samples` about `axis` on a grid with edge `cell` [length].
+/// Completes `samples` about `axis` on a grid with edge `cell` \[length\].
 #[must_use]
 pub fn complete(samples: &Samples, axis: &Axis, order: Order, cell: f64) -> Completion {
     let surface_from_axis = axis_frame(axis);

@@ -7,16 +7,16 @@ use crate::estimate::FreeDirection;
 /// What is known of the frame beside the axis itself.
 #[derive(Debug, Clone, Copy)]
 pub struct AlongAxis {
-    /// Standard deviation of the origin along the axis [length]; infinite when it is free.
+    /// Standard deviation of the origin along the axis \[length\]; infinite when it is free.
     pub slide: f64,
-    /// Standard deviation of the rotation about the axis [rad]; infinite when it is free.
+    /// Standard deviation of the rotation about the axis \[rad\]; infinite when it is free.
     pub yaw: f64,
 }
 
 /// Relative curvature below which an axis parameter counts as free.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// The 6x6 covariance (rotation x y z [rad], translation x y z [length]; object frame) and its free directions.
+/// The 6x6 covariance (rotation x y z \[rad\], translation x y z \[length\]; object frame) and its free directions.
 ///
 /// `information` is J'WJ of the axis for residuals of unit variance (tilt about both tangents, shift along both, about
 /// the point of the axis), `sigma` their standard deviation, `radius` the size of the part, which makes tilt and shift

@@ -80,7 +80,7 @@ impl Turns {
         }
     }
 
-    /// One rotation by `angle` [rad].
+    /// One rotation by `angle` \[rad\].
     #[must_use]
     pub fn single(angle: f64) -> Self {
         Self(vec![(angle, 1.0)])
@@ -90,12 +90,12 @@ impl Turns {
         Self((1..=count).map(|k| ((GOLDEN_ANGLE * k as f64) % std::f64::consts::TAU, 1.0)).collect())
     }
 
-    /// Angle [rad] and weight of each rotation.
+    /// Angle \[rad\] and weight of each rotation.
     pub fn iter(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.0.iter().copied()
     }
 
-    /// Angles [rad].
+    /// Angles \[rad\].
     pub fn angles(&self) -> impl Iterator<Item = f64> + '_ {
         self.0.iter().map(|(angle, _)| *angle)
     }

@@ -69,12 +69,12 @@ fn area(cells: &[FoldedCell]) -> f64 {
     cells.iter().map(|c| c.area).sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
-/// Height of the centroid of the completed surface above the point of the axis [length].
+/// Height of the centroid of the completed surface above the point of the axis \[length\].
 fn centroid_height(cells: &[FoldedCell]) -> f64 {
     cells.iter().map(|c| c.area * c.position.z).sum::<f64>() / area(cells)
 }
 
-/// Height of the origin above the point of the axis [length].
+/// Height of the origin above the point of the axis \[length\].
 ///
 /// `base` is the height at which the axis meets the support plane, where there is one.
 #[must_use]
@@ -111,9 +111,9 @@ fn ends(cells: &[FoldedCell]) -> [f64; 2] {
 /// Primary orientation about the axis.
 #[derive(Debug, Clone)]
 pub struct Heading {
-    /// Angle of +x from the first tangent of the axis [rad], one of n equivalent ones.
+    /// Angle of +x from the first tangent of the axis \[rad\], one of n equivalent ones.
     pub angle: f64,
-    /// Standard deviation of the angle from the scatter of the cells [rad]; infinite when nothing fixes it.
+    /// Standard deviation of the angle from the scatter of the cells \[rad\]; infinite when nothing fixes it.
     pub sigma: f64,
     /// Histogram of the completed surface over one full turn, from the first tangent.
     pub histogram: Vec<f64>,
@@ -191,7 +191,7 @@ fn angular_histogram(cells: &[FoldedCell], n: u32) -> Vec<f64> {
     sector.repeat(n as usize)
 }
 
-/// Direction of the largest bin, smoothed over its neighbours and interpolated [rad].
+/// Direction of the largest bin, smoothed over its neighbours and interpolated \[rad\].
 fn histogram_peak(histogram: &[f64], n: u32) -> f64 {
     let bins = histogram.len() / n as usize;
     let at = |i: usize| {

@@ -20,21 +20,21 @@ use crate::symmetry::visibility::Visibility;
 pub struct ProposeParams {
     /// Search all directions; otherwise only the paper's start is used: plane normal and centroid.
     pub search: bool,
-    /// Starting directions, spread over the half sphere [count].
+    /// Starting directions, spread over the half sphere \[count\].
     pub directions: usize,
-    /// Points on which the axes of each round are aligned and scored [count].
+    /// Points on which the axes of each round are aligned and scored \[count\].
     pub samples: [usize; 3],
-    /// Distinct axes that survive each round [count].
+    /// Distinct axes that survive each round \[count\].
     pub kept: [usize; 3],
-    /// Rotations used, at most [count].
+    /// Rotations used, at most \[count\].
     pub max_turns: usize,
-    /// First gate on the distance of a match; each round ends at half of it, the last at the spacing [diameters].
+    /// First gate on the distance of a match; each round ends at half of it, the last at the spacing \[diameters\].
     pub gate: f64,
-    /// Axes closer than this are the same, if they are also close in position; halves with each round [rad].
+    /// Axes closer than this are the same, if they are also close in position; halves with each round \[rad\].
     pub distinct_angle: f64,
-    /// Axes closer than this are the same, if they are also close in direction; halves with each round [diameters].
+    /// Axes closer than this are the same, if they are also close in direction; halves with each round \[diameters\].
     pub distinct_offset: f64,
-    /// Largest angle from the hint of the user [rad].
+    /// Largest angle from the hint of the user \[rad\].
     pub max_hint_angle: f64,
 }
 
@@ -110,7 +110,7 @@ fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
 
 /// Axes of `surface` under the rotations `turns`, best first.
 ///
-/// `diameter` is the size of the part [length]; `hints` are further directions worth a try (the support plane's
+/// `diameter` is the size of the part \[length\]; `hints` are further directions worth a try (the support plane's
 /// normal), `within` a direction that the axis must stay near.
 ///
 /// # Errors

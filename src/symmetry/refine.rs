@@ -23,7 +23,7 @@ pub struct RefineParams {
     pub max_joint_turns: usize,
     /// Last gate on the distance of a match [point spacings].
     pub gate: f64,
-    /// Largest angle between the normals of a match [rad].
+    /// Largest angle between the normals of a match \[rad\].
     pub max_normal_angle: f64,
     /// Width of Huber's loss [standard deviations of the residual].
     pub huber_width: f64,
@@ -58,9 +58,9 @@ impl Default for RefineParams {
 pub struct Refined {
     /// The axis, held near the centroid of the surface.
     pub axis: Axis,
-    /// Displacement of each point [length]; empty when the points were held fixed.
+    /// Displacement of each point \[length\]; empty when the points were held fixed.
     pub offsets: Vec<Vector3<f64>>,
-    /// Robust standard deviation of the residuals of the matches [length].
+    /// Robust standard deviation of the residuals of the matches \[length\].
     pub sigma: f64,
     /// Share of rotated points that met the surface.
     pub share: f64,
@@ -86,7 +86,7 @@ fn gates(first: f64, last: f64) -> Vec<f64> {
     gates
 }
 
-/// Largest motion of the rim between two axes, as an angle times a radius plus a shift [length].
+/// Largest motion of the rim between two axes, as an angle times a radius plus a shift \[length\].
 fn motion(from: &Axis, to: &Axis, radius: f64) -> f64 {
     let centered = to.recentered(&from.point);
     from.angle_to(to) * radius + (centered.point - from.point).norm()
@@ -94,7 +94,7 @@ fn motion(from: &Axis, to: &Axis, radius: f64) -> f64 {
 
 /// Aligns the surface with its own rotated copies, moving only the axis.
 ///
-/// `gates` are the distances [length] by which a rotated point may miss the surface, at the start and at the end; the
+/// `gates` are the distances \[length\] by which a rotated point may miss the surface, at the start and at the end; the
 /// gate halves from one to the other.
 ///
 /// # Errors
@@ -212,7 +212,7 @@ pub fn refine_jointly(
     })
 }
 
-/// Root mean square distance of the points from their centroid [length].
+/// Root mean square distance of the points from their centroid \[length\].
 fn rim(surface: &Surface, centroid: &Vector3<f64>) -> f64 {
     let sum: f64 = surface.samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
     (sum / surface.len() as f64).sqrt()

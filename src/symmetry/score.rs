@@ -21,7 +21,7 @@ pub enum Outcome {
     Hidden,
 }
 
-/// What became of the rotated points [counts].
+/// What became of the rotated points \[counts\].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MatchScore {
     /// [`Outcome::Matched`].

@@ -25,7 +25,7 @@ const EQUALLY_GOOD: f64 = 0.85;
 /// Everything the search needs beside the surface.
 #[derive(Clone, Copy)]
 pub struct SearchContext<'a> {
-    /// Size of the part [length].
+    /// Size of the part \[length\].
     pub diameter: f64,
     /// Directions worth a try.
     pub hints: &'a [Vector3<f64>],

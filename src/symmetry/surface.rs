@@ -9,7 +9,7 @@ use crate::spatial::KdTree;
 /// Points with unit normals.
 #[derive(Debug, Clone, Default)]
 pub struct Samples {
-    /// Measured positions [length].
+    /// Measured positions \[length\].
     pub points: Vec<Vector3<f64>>,
     /// Unit normals.
     pub normals: Vec<Vector3<f64>>,
@@ -35,7 +35,7 @@ pub struct Surface {
     pub samples: Samples,
     /// Whether normals point toward the sensor; otherwise their sign means nothing.
     pub oriented: bool,
-    /// Typical distance between neighbouring points [length].
+    /// Typical distance between neighbouring points \[length\].
     pub spacing: f64,
     tree: KdTree,
 }
@@ -63,7 +63,7 @@ impl Surface {
         self.samples.points.is_empty()
     }
 
-    /// Mean of the points [length].
+    /// Mean of the points \[length\].
     #[must_use]
     pub fn centroid(&self) -> Vector3<f64> {
         let sums: Vec<Vector3<f64>> = self.samples.points.par_chunks(4096).map(|c| c.iter().sum()).collect();
@@ -90,7 +90,7 @@ impl Surface {
 /// What two points may differ in and still be taken for the same place of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gate {
-    /// Largest distance [length].
+    /// Largest distance \[length\].
     pub distance: f64,
     /// Smallest cosine between the normals.
     pub cosine: f64,

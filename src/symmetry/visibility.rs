@@ -13,7 +13,7 @@ const MAX_VIEWS: usize = 16;
 /// Cells along one side of a depth map, at most.
 const MAX_CELLS: usize = 512;
 
-/// Directions more than this far from the middle of a view [rad] are left out of its map.
+/// Directions more than this far from the middle of a view \[rad\] are left out of its map.
 const MAX_OFF_AXIS: f64 = 1.2;
 
 /// What a set of depth maps says about a place where no surface was measured; later ones are stronger.
@@ -67,7 +67,7 @@ impl Visibility {
         (!views.is_empty()).then_some(Self { views })
     }
 
-    /// What the cameras say about a surface at `point` with outward `normal`; a measurement within `margin` [length]
+    /// What the cameras say about a surface at `point` with outward `normal`; a measurement within `margin` \[length\]
     /// in front of it counts as hiding it.
     #[must_use]
     pub fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
