@@ -10,6 +10,10 @@ PYTHON ?= $(firstword $(foreach python,python3 python3.14 python3.13 python3.12 
     $(python) -c 'import sys; sys.version_info >= (3, 11) and print("$(python)")' 2>/dev/null)))
 BIN := .venv/bin
 MATURIN := VIRTUAL_ENV="$(CURDIR)/.venv" $(BIN)/maturin develop --locked --quiet
+# Without the package itself, which is built later, for speed or for tests.
+REQUIREMENTS := import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+    extras = [project["optional-dependencies"][name] for name in "segment io plot datasets dev".split()]; \
+    print(*project["dependencies"], *sum(extras, []), sep="\n")
 export PATH := $(PATH):$(HOME)/.cargo/bin
 # Clippy builds pyo3 just as maturin does, so that neither makes the other build it again.
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
@@ -54,7 +58,7 @@ lint-python: debug
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/python -m mypy.stubtest sympose --ignore-missing-stub --allowlist tests/python/stubtest.txt
+	$(BIN)/python -m mypy.stubtest sympose._core --mypy-config-file pyproject.toml
 
 format: .venv/ready
 	cargo fmt
@@ -82,8 +86,8 @@ wheel: prerequisites .venv/ready
 
 .venv/ready: pyproject.toml | prerequisites
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'maturin>=1.9.4,<2'
-	$(MATURIN) --extras all,dev
+	$(BIN)/python -c '$(REQUIREMENTS)' > .venv/requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement .venv/requirements.txt
 	touch $@
 
 clean:

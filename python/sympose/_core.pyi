@@ -8,6 +8,26 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+__all__ = [
+    "Candidate",
+    "Estimate",
+    "KdTree",
+    "__version__",
+    "adds",
+    "check_config",
+    "cli_main",
+    "config_to_toml",
+    "default_config",
+    "estimate",
+    "estimate_normals",
+    "mssd",
+    "paper_config",
+    "remove_radius_outliers",
+    "remove_statistical_outliers",
+    "segment_plane",
+    "voxel_downsample",
+]
+
 __version__: str
 
 def cli_main(arguments: Sequence[str]) -> int: ...

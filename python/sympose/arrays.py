@@ -26,7 +26,7 @@ def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
         raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
     if array.dtype.kind not in "fiub":
         raise InvalidInputError(f"{name} must hold real numbers, got dtype {array.dtype}")
-    return np.asarray(array, dtype=np.float64, order="C")
+    return np.require(array, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
 
 
 def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:

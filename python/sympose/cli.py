@@ -18,6 +18,7 @@ from sympose.errors import (
     CancelledError,
     DeadlineExceededError,
     InsufficientDataError,
+    InvalidInputError,
     NoSymmetryError,
     SymposeError,
 )
@@ -65,6 +66,8 @@ def _segment(arguments: Sequence[str]) -> int:
     from sympose.segmentation import segment
 
     scene = read(options.scene)
+    if not scene.views:
+        raise InvalidInputError(f"{options.scene}: no view is known; segmentation needs at least one")
     segmentation = segment(
         scene.points,
         scene.views,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
@@ -158,31 +159,30 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any], group: str = ""
                 raise InvalidInputError(
                     f"{group}{name} is a group of settings: expected a dict, got {value!r}"
                 )
-            value = _merged(base[name], value, f"{group}{name}.")
-        merged[name] = value
+            merged[name] = _merged(base[name], value, f"{group}{name}.")
+        else:
+            merged[name] = _plain(value, group + name)
     return merged
 
 
 def _checked(settings: dict[str, Any]) -> dict[str, Any]:
-    try:
-        text = json.dumps(settings, default=_plain, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"a setting has a value of the wrong kind: {error}") from error
-    checked: dict[str, Any] = json.loads(_core.check_config(text))
+    checked: dict[str, Any] = json.loads(_core.check_config(json.dumps(settings)))
     return checked
 
 
-def _plain(value: Any) -> Any:
-    """What `json` can write: groups as dicts, arrays as lists."""
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
+def _plain(value: Any, name: str = "") -> Any:
+    """What JSON can hold: groups as dicts, arrays as lists."""
     if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    raise TypeError(f"{value!r} is no setting")
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(item, f"{name}.{key}") for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(item, name) for item in value]
+    if not (value is None or isinstance(value, (bool, int, float, str))):
+        raise InvalidInputError(f"{name}: {value!r} is no setting")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidInputError(f"{name} = {value}: expected a finite number")
+    return value
 
 
 def _frozen(value: Any) -> Any:

@@ -15,7 +15,7 @@ from sympose._core import Estimate
 from sympose.arrays import as_points
 from sympose.camera import View
 from sympose.config import Config
-from sympose.errors import DeadlineExceededError, InsufficientDataError
+from sympose.errors import DeadlineExceededError, InsufficientDataError, InvalidInputError
 from sympose.scene import Scene
 
 __all__ = ["SceneLike", "estimate"]
@@ -45,6 +45,7 @@ def estimate(
     roi: ArrayLike | None = None,
     axis_hint: ArrayLike | None = None,
     initial: Estimate | ArrayLike | None = None,
+    reference: object = None,
     prefer: ArrayLike | None = None,
     config: Config | None = None,
     seed: int = 0,
@@ -67,6 +68,7 @@ def estimate(
         axis_hint: (3,) rough axis, sign ignored; the search stays within 30 degrees of it.
         initial: Pose to start from, (4, 4) or an earlier estimate: for tracking. It is refined; only if that
             fails is the axis searched.
+        reference: Reserved; this version has none.
         prefer: (4, 4); among equivalent poses the one nearest to this is returned.
         config: All other settings. An argument given here wins over the same setting in `config`.
         seed: Seed of everything random; 0 leaves that of `config`.
@@ -85,17 +87,22 @@ def estimate(
         DeadlineExceededError: The timeout passed.
         OSError: The file cannot be read.
     """
-    started = time.perf_counter()
+    if not isinstance(config, (Config, type(None))):
+        raise InvalidInputError(f"config must be a sympose.Config, got {type(config).__name__}")
+    if reference is not None:
+        raise InvalidInputError("reference: not available in this version")
     given = {"order": order, "seed": seed or None, "threads": threads, "roi": roi, "axis_hint": axis_hint}
     changes = {name: value for name, value in given.items() if value is not None}
     settings = (config or Config()).replace(**changes)
     source = _as_scene(scene)
     views = source.views if views is None else tuple(views)
+    started = time.perf_counter()
     foreground, warnings = _segmented(source.points, views, settings.seed, progress)
-    if timeout is not None:
-        timeout -= time.perf_counter() - started
+    elapsed = time.perf_counter() - started
+    if views and timeout is not None and timeout > 0.0:
+        timeout -= elapsed
         if timeout <= 0.0:
-            raise DeadlineExceededError("the deadline passed before the pose was searched for; raise timeout")
+            raise DeadlineExceededError(f"the deadline passed during segmentation (after {elapsed:.3f} s)")
     return _core.estimate(
         source.points,
         config=settings.to_json(),

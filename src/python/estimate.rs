@@ -101,8 +101,8 @@ impl PyEstimate {
 
     #[getter]
     fn axis<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let axis = self.estimate.world_from_object.rotation * Vector3::z();
-        self.array(py, "axis", || Ok(arrays::vector(py, axis.as_slice().to_vec())))
+        let pose = arrays::matrix(&self.estimate.world_from_object);
+        self.array(py, "axis", || Ok(arrays::vector(py, pose[..3].iter().map(|row| row[2]).collect())))
     }
 
     #[getter]

@@ -30,7 +30,7 @@ use crate::metrics;
 ///     >>> from sympose.metrics import adds
 ///     >>> square = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 ///     >>> quarter_turn = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-///     >>> adds(square, quarter_turn, np.eye(4))
+///     >>> round(adds(square, quarter_turn, np.eye(4)), 12)
 ///     0.0
 #[pyfunction]
 pub(super) fn adds(

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 import sympose
 
 for library in ("trimesh", "manifold3d", "embreex", "sklearn", "matplotlib", "plyfile"):
     pytest.importorskip(library)
 
 from PIL import Image  # noqa: E402
+
 from sympose import demo  # noqa: E402
 from sympose.cli import main  # noqa: E402
 from sympose.evaluation.metrics import axis_angle_deg  # noqa: E402

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sympose
 from numpy.typing import NDArray
+
+import sympose
 
 matplotlib = pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure  # noqa: E402
 from PIL import Image  # noqa: E402
+
 from sympose.plotting import Eye, draw_cloud, draw_yaw, plot_estimate, plot_scene  # noqa: E402
 from sympose.plotting.charts import describe  # noqa: E402
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+
 from sympose.camera import PinholeCamera, View
 from sympose.errors import InvalidInputError
 from sympose.scene import Scene

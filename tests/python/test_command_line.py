@@ -1,0 +1,82 @@
+"""`sympose` and `python -m sympose`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sympose
+from conftest import ORDER, Part
+from sympose.cli import main
+
+
+@pytest.fixture
+def scan(part: Part, tmp_path: Path) -> Path:
+    path = tmp_path / "scan.xyz"
+    np.savetxt(path, part.points)
+    return path
+
+
+def test_estimate_prints_the_schema(scan: Path, part: Part, capfd: pytest.CaptureFixture[str]) -> None:
+    options = ["--order", str(ORDER), "--viewpoint", *map(str, part.viewpoint), "--json", "-", "--full"]
+    code = main(["estimate", str(scan), *options])
+    output = capfd.readouterr().out
+    found = sympose.Estimate.from_json(output)
+    assert code == (0 if found.score >= 0.5 else 1)
+    here = sympose.estimate(np.loadtxt(scan), order=ORDER, viewpoints=part.viewpoint)
+    assert found.pose.tobytes() == here.pose.tobytes()
+
+
+def test_info_and_plane_share_the_code_of_rust(scan: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(scan), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["points"] == 3000
+    assert main(["plane", str(scan), "--json", "--distance", "0.01"]) == 0
+    assert len(json.loads(capfd.readouterr().out)["coefficients"]) == 4
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["nonsense"], ["estimate"], ["estimate", "nothing.ply"], ["view", "nothing.json"]]
+)
+def test_bad_usage_and_input_exit_with_2(arguments: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err
+
+
+def test_a_cloud_without_a_pose_exits_with_1(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "line.xyz"
+    np.savetxt(path, np.linspace(0, 1, 100)[:, None] * [1, 2, 3])
+    assert main(["estimate", str(path), "--order", "3"]) == 1
+    assert "collinear" in capfd.readouterr().err
+
+
+def test_help_lists_the_commands_of_both_languages(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    output = capfd.readouterr().out
+    for command in ("estimate", "filter", "plane", "info", "demo", "view", "segment", "dataset", "evaluate"):
+        assert f"  {command} " in output
+
+
+def test_dataset_writes_a_scan_and_its_truth(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    scan, truth = tmp_path / "scan.npy", tmp_path / "truth.json"
+    assert main(["dataset", "propeller_3", str(scan), "--views", "1", "--truth", str(truth)]) == 0
+    assert capfd.readouterr().out.endswith("points of propeller_3, order 3\n")
+    assert np.load(scan).shape[1] == 3
+    assert json.loads(truth.read_text())["order"] == 3
+
+
+def test_segment_needs_views(scan: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["segment", str(scan), str(tmp_path / "out.xyz")]) == 2
+    assert "view" in capfd.readouterr().err
+
+
+def test_the_module_runs() -> None:
+    command = [sys.executable, "-m", "sympose", "--version"]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert result.stdout == f"sympose {sympose.__version__}\n"

@@ -1,0 +1,261 @@
+"""What may be passed in, in which form, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import sympose
+from conftest import ORDER, Part, make_part
+from sympose import Config, InsufficientDataError, InvalidInputError, PinholeCamera, Scene, View
+
+Points = NDArray[np.float64]
+
+
+def read_only(points: Points) -> Points:
+    copy = points.copy()
+    copy.setflags(write=False)
+    return copy
+
+
+def unaligned(points: Points) -> Points:
+    buffer = np.zeros(points.nbytes + 1, dtype=np.uint8)
+    view = buffer[1:].view(np.float64).reshape(points.shape)
+    view[...] = points
+    assert not view.flags.aligned
+    return view
+
+
+FORMS: dict[str, Callable[[Points], Any]] = {
+    "fortran": np.asfortranarray,
+    "strided": lambda points: np.repeat(points, 2, axis=0)[::2],
+    "columns": lambda points: np.hstack([points, points])[:, :3],
+    "reversed": lambda points: points[::-1].copy()[::-1],
+    "read_only": read_only,
+    "unaligned": unaligned,
+    "big_endian": lambda points: points.astype(">f8"),
+    "list": lambda points: points.tolist(),
+}
+
+
+def estimate(scene: Any, part: Part, **options: Any) -> sympose.Estimate:
+    options = {"order": ORDER, "viewpoints": part.viewpoint} | options
+    return sympose.estimate(scene, **options)
+
+
+def bytes_of(estimate: sympose.Estimate) -> tuple[bytes, ...]:
+    return estimate.pose.tobytes(), estimate.points.tobytes(), estimate.completed.tobytes()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_of_an_array_gives_the_same_bytes(form: str) -> None:
+    part = make_part(1500)
+    points = FORMS[form](part.points)
+    assert bytes_of(estimate(points, part)) == bytes_of(estimate(part.points, part))
+    means = sympose.voxel_downsample(points, 0.05)
+    assert np.array_equal(means, sympose.voxel_downsample(part.points, 0.05))
+    oracle = sympose.KdTree(part.points).query(part.points, 4)[1]
+    assert np.array_equal(sympose.KdTree(points).query(points, 4)[1], oracle)
+
+
+def test_float32_is_taken_for_what_it_is() -> None:
+    part = make_part(1500)
+    single = part.points.astype(np.float32)
+    assert bytes_of(estimate(single, part)) == bytes_of(estimate(single.astype(np.float64), part))
+    assert bytes_of(estimate(np.asfortranarray(single), part)) == bytes_of(estimate(single, part))
+
+
+def test_integers_are_taken_as_lengths() -> None:
+    part = make_part(1500)
+    whole = np.rint(part.points * 10_000).astype(np.int32)
+    viewpoint = part.viewpoint * 10_000
+    one = estimate(whole, part, viewpoints=viewpoint)
+    assert bytes_of(one) == bytes_of(estimate(whole.astype(float), part, viewpoints=viewpoint))
+
+
+def test_the_input_is_left_alone(part: Part) -> None:
+    before = part.points.copy()
+    estimate(part.points, part)
+    assert np.array_equal(part.points, before)
+
+
+class Mesh:
+    """As trimesh has it."""
+
+    def __init__(self, vertices: Points) -> None:
+        self.vertices = vertices
+
+
+def test_other_libraries_are_known_by_what_they_have(part: Part, estimate: sympose.Estimate) -> None:
+    cloud = SimpleNamespace(points=part.points, normals=np.zeros((3, 3)))
+    for scene in (cloud, Mesh(part.points), Scene(part.points)):
+        found = sympose.estimate(scene, order=ORDER, viewpoints=part.viewpoint)
+        assert bytes_of(found) == bytes_of(estimate)
+    with pytest.raises(InvalidInputError, match=r"scene\.points"):
+        sympose.estimate(SimpleNamespace(points=np.zeros((4, 2))))
+
+
+def test_objects_of_open3d_and_trimesh(part: Part, estimate: sympose.Estimate) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    cloud = trimesh.PointCloud(part.points)
+    found = sympose.estimate(cloud, order=ORDER, viewpoints=part.viewpoint)
+    assert bytes_of(found) == bytes_of(estimate)
+
+
+def test_a_path_is_read(part: Part, estimate: sympose.Estimate, tmp_path: Path) -> None:
+    path = tmp_path / "scan.npy"
+    np.save(path, part.points)
+    for scene in (path, str(path)):
+        found = sympose.estimate(scene, order=ORDER, viewpoints=part.viewpoint)
+        assert bytes_of(found) == bytes_of(estimate)
+    with pytest.raises(FileNotFoundError):
+        sympose.estimate(tmp_path / "nothing.ply")
+
+
+def test_a_scene_brings_its_viewpoints_and_normals(part: Part, estimate: sympose.Estimate) -> None:
+    found = sympose.estimate(Scene(part.points, viewpoints=part.viewpoint), order=ORDER)
+    assert np.allclose(found.pose, estimate.pose, atol=1e-9)
+    rows = np.tile(part.viewpoint, (len(part.points), 1))
+    one_each = sympose.estimate(part.points, viewpoints=rows, order=ORDER)
+    assert bytes_of(one_each) == bytes_of(found)
+
+
+def test_points_that_are_not_finite_are_dropped_and_indices_kept(part: Part) -> None:
+    rng = np.random.default_rng(2)
+    rows = np.sort(rng.permutation(len(part.points) + 500)[: len(part.points)])
+    points = np.full((len(part.points) + 500, 3), np.nan)
+    points[rows] = part.points
+    clean = estimate(part.points, part)
+    found = estimate(points, part)
+    assert bytes_of(found) == bytes_of(clean)
+    assert np.array_equal(found.inliers, rows[clean.inliers])
+    with pytest.raises(InvalidInputError, match="500 of"):
+        estimate(points, part, config=Config(non_finite="error"))
+
+
+def test_far_from_the_origin_nothing_is_lost(part: Part, estimate: sympose.Estimate) -> None:
+    offset = np.array([4.5e6, -5.4e6, 250.0])
+    found = sympose.estimate(part.points + offset, order=ORDER, viewpoints=part.viewpoint + offset)
+    assert np.abs(found.axis - estimate.axis).max() < 1e-6
+    assert np.abs(found.center - offset - estimate.center).max() < 1e-6
+
+
+BAD_SHAPES = np.zeros(3), np.zeros((5, 4)), np.zeros((2, 2, 3)), 7.0, [], [[1, 2]], ["a", "b"]
+
+
+@pytest.mark.parametrize("bad", BAD_SHAPES, ids=str)
+def test_a_wrong_shape_is_named(bad: Any) -> None:
+    with pytest.raises(InvalidInputError):
+        sympose.estimate(bad)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.empty((0, 3)),
+        np.zeros((1, 3)),
+        np.zeros((500, 3)),
+        np.linspace(0, 1, 500)[:, None] * [1.0, 2.0, 3.0],
+        np.eye(3),
+    ],
+    ids=["empty", "one", "identical", "collinear", "three"],
+)
+def test_degenerate_clouds_are_refused(points: Points) -> None:
+    with pytest.raises(InsufficientDataError):
+        sympose.estimate(points, order=3)
+
+
+def test_all_nan_and_overflowing_clouds_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match="500 of 500"):
+        sympose.estimate(np.full((500, 3), np.nan), order=3)
+    with pytest.raises(InvalidInputError, match="1e100"):
+        sympose.estimate(np.eye(3) * 1e200, order=3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"order": 1}, "order"),
+        ({"order": -3}, "order"),
+        ({"order": 2.5}, "order"),
+        ({"order": "many"}, "order"),
+        ({"viewpoints": [0.0, 0.0]}, "viewpoints"),
+        ({"viewpoints": np.zeros((7, 3))}, "viewpoints has 7 rows"),
+        ({"viewpoints": [0.0, 0.0, np.nan]}, "NaN"),
+        ({"normals": np.zeros((7, 3))}, "normals has 7 rows"),
+        ({"normals": np.zeros(3)}, "normals"),
+        ({"roi": [[0, 0, 0]]}, "roi"),
+        ({"roi": [[1, 1, 1], [0, 0, 0]]}, "roi"),
+        ({"roi": [[0, 0, 0], [1, 1, np.nan]]}, "roi"),
+        ({"axis_hint": [0, 0, 0]}, "axis_hint"),
+        ({"axis_hint": [1, 0]}, "axis_hint"),
+        ({"initial": np.eye(3)}, "initial"),
+        ({"initial": 2.0 * np.eye(4)}, "initial"),
+        ({"prefer": np.diag([1, 1, -1, 1])}, "prefer"),
+        ({"threads": 0}, "threads"),
+        ({"threads": -1}, "threads"),
+        ({"seed": -1}, "seed"),
+        ({"timeout": 0.0}, "timeout"),
+        ({"timeout": float("nan")}, "timeout"),
+    ],
+)
+def test_a_wrong_argument_is_named(part: Part, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        sympose.estimate(part.points, **({"order": ORDER} | options))
+
+
+def test_an_argument_wins_over_the_configuration(part: Part) -> None:
+    config = Config(order=3, seed=4)
+    assert sympose.estimate(part.points, order=ORDER, config=config, viewpoints=part.viewpoint).order == ORDER
+
+
+def test_outside_the_region_of_interest_nothing_counts(part: Part) -> None:
+    lower, upper = part.points.min(axis=0) - 0.01, part.points.max(axis=0) + 0.01
+    stray = np.random.default_rng(0).uniform(upper + 0.1, upper + 1.0, (3000, 3))
+    found = estimate(np.vstack([stray, part.points]), part, roi=[lower, upper])
+    assert (found.inliers >= len(stray)).all()
+    assert abs(found.axis @ part.axis) > np.cos(np.radians(0.5))
+
+
+def test_tracking_starts_from_an_estimate_or_a_matrix(part: Part, estimate: sympose.Estimate) -> None:
+    for initial in (estimate, estimate.pose):
+        found = sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, initial=initial)
+        assert abs(found.axis @ estimate.axis) > np.cos(np.radians(0.2))
+
+
+def test_the_preferred_pose_is_the_nearest_equivalent(part: Part, estimate: sympose.Estimate) -> None:
+    for wanted in estimate.equivalent_poses():
+        found = estimate_with_preference(part, wanted)
+        angle = np.arccos(np.clip((np.trace(found.pose[:3, :3].T @ wanted[:3, :3]) - 1) / 2, -1, 1))
+        assert angle < np.pi / ORDER
+
+
+def estimate_with_preference(part: Part, wanted: Points) -> sympose.Estimate:
+    return sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, prefer=wanted)
+
+
+def test_views_segment_the_scene_first(part: Part) -> None:
+    camera = PinholeCamera(320, 240, 500.0, 500.0, 159.5, 119.5)
+    forward = part.world_from_object[:3, 3] - part.viewpoint
+    distance = np.linalg.norm(forward)
+    forward /= distance
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = part.viewpoint
+    view = View(camera, pose)
+    rng = np.random.default_rng(0)
+    wall = rng.uniform([0, 0, 3 * distance], [320, 240, 3.02 * distance], (4000, 3))
+    wall = camera.unproject(wall[:, :2], wall[:, 2]) @ pose[:3, :3].T + part.viewpoint
+    scene = Scene(np.vstack([wall, part.points]), viewpoints=part.viewpoint, views=[view])
+    found = sympose.estimate(scene, order=ORDER)
+    assert (found.inliers >= len(wall)).all()
+    assert np.abs(scene.points[found.inliers] - found.points[found.point_of_inlier]).max() < 0.1
+    assert abs(found.axis @ part.axis) > np.cos(np.radians(0.5))

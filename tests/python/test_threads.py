@@ -1,0 +1,149 @@
+"""Threads, signals, deadlines, processes: what a long call does to the program around it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+import sympose
+from conftest import ORDER, Part, make_part
+from sympose import Config, DeadlineExceededError
+
+FINE = Config(ground="off", cluster="off", voxel_size=0.001)
+
+
+def result(part: Part, **options: Any) -> tuple[bytes, ...]:
+    found = sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, **options)
+    return tuple(array.tobytes() for array in (found.pose, found.points, found.covariance, found.match_curve))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 4])
+def test_the_number_of_threads_changes_nothing(part: Part, threads: int) -> None:
+    assert result(part, threads=threads) == result(part)
+
+
+def test_the_seed_is_all_the_chance_there_is(part: Part) -> None:
+    assert result(part, seed=7) == result(part, config=Config(seed=7))
+
+
+def test_calls_from_several_threads_do_not_disturb_each_other(part: Part) -> None:
+    alone = result(part)
+    with ThreadPoolExecutor(4) as pool:
+        assert set(pool.map(lambda _: result(part), range(4))) == {alone}
+
+
+def test_other_threads_run_during_a_long_call() -> None:
+    part = make_part(60_000)
+    ticks, done = 0, threading.Event()
+
+    def tick() -> None:
+        nonlocal ticks
+        while not done.wait(0.002):
+            ticks += 1
+
+    ticker = threading.Thread(target=tick)
+    ticker.start()
+    started = time.perf_counter()
+    result(part, config=FINE)
+    seconds = time.perf_counter() - started
+    done.set()
+    ticker.join()
+    assert seconds > 0.1
+    # Under a held lock there would be none at all; a loaded machine may lose most.
+    assert ticks > 20 * seconds
+
+
+def test_progress_rises_and_comes_in_the_calling_thread(part: Part) -> None:
+    reports: list[tuple[str, float, int]] = []
+    result(part, progress=lambda stage, done: reports.append((stage, done, threading.get_ident())))
+    fractions = [done for _, done, _ in reports]
+    assert len(reports) >= 3
+    assert fractions == sorted(fractions)
+    assert min(fractions) >= 0.0
+    assert max(fractions) <= 1.0
+    assert {thread for _, _, thread in reports} == {threading.get_ident()}
+
+
+def test_an_exception_in_progress_cancels_and_is_raised(part: Part) -> None:
+    stages = []
+
+    def stop(stage: str, _done: float) -> None:
+        stages.append(stage)
+        raise KeyError(stage)
+
+    with pytest.raises(KeyError):
+        result(part, progress=stop)
+    assert len(stages) == 1
+
+
+def test_a_deadline_ends_the_call() -> None:
+    part = make_part(60_000)
+    started = time.perf_counter()
+    with pytest.raises(DeadlineExceededError) as caught:
+        result(part, config=FINE, timeout=0.05)
+    assert time.perf_counter() - started < 1.5
+    assert isinstance(caught.value, TimeoutError)
+    assert result(make_part(500), timeout=1e9)
+
+
+INTERRUPTED = """
+import time
+from conftest import ORDER, make_part
+import sympose
+part = make_part(200_000)
+fine = sympose.Config(ground="off", cluster="off", voxel_size=0.0005)
+print("ready", flush=True)
+try:
+    while True:
+        sympose.estimate(part.points, order=ORDER, config=fine)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a single process")
+def test_ctrl_c_interrupts_within_a_second() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=os.path.dirname(__file__),
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        sent = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "interrupted\n"
+        assert time.perf_counter() - sent < 1.0
+    assert process.returncode == 0
+
+
+def in_child(queue: Any) -> None:
+    part = make_part(800)
+    tree = sympose.KdTree(part.points)
+    queue.put((tree.query(part.points, 3)[1].tobytes(), result(part)))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork.*:DeprecationWarning")
+def test_a_forked_child_can_work() -> None:
+    part = make_part(800)
+    here = (sympose.KdTree(part.points).query(part.points, 3)[1].tobytes(), result(part))
+    context = multiprocessing.get_context("fork")
+    queue: Any = context.Queue()
+    child = context.Process(target=in_child, args=(queue,))
+    child.start()
+    assert queue.get(timeout=30) == here
+    child.join(10)
+    assert child.exitcode == 0
