@@ -255,6 +255,9 @@ impl Estimator {
         stages.number("rounds", found.rounds as f64);
         stages.diagnostics.insert("joint_cost".into(), Diagnostic::Series(found.costs.clone()));
         stages.number("yaw_angle", heading.angle);
+        stages.number("structured", detection.structured);
+        stages.number("generic_evidence", detection.generic);
+        stages.diagnostics.insert("order_evidence".into(), Diagnostic::Series(detection.against.clone()));
         stages.diagnostics.insert("yaw_histogram".into(), Diagnostic::Series(heading.histogram.clone()));
 
         let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);

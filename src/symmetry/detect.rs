@@ -33,6 +33,8 @@ pub struct DetectParams {
     pub tolerance: f64,
     /// The same for the worst of its multiples.
     pub worst_tolerance: f64,
+    /// Matches that an order must have where its divisors say nothing [share of its best multiple].
+    pub support: f64,
     /// Share of the evidence of structured points against a symmetry beyond which it is refused.
     pub refused: f64,
     /// Share of the observed surface that a symmetry must explain.
@@ -49,6 +51,7 @@ impl Default for DetectParams {
             continuous: 0.01,
             tolerance: 0.2,
             worst_tolerance: 0.5,
+            support: 0.2,
             refused: 0.09,
             explained: 0.96,
         }
@@ -99,6 +102,18 @@ impl Tally {
     }
 }
 
+/// What speaks for and against one order.
+#[derive(Debug, Clone, Copy, Default)]
+struct OrderEvidence {
+    /// Over all multiples.
+    sum: Tally,
+    /// Largest share against a multiple.
+    worst: f64,
+    /// Matches at the multiples that no divisor shares, against those at the best multiple: where they fall out of sight
+    /// an order has only its divisors to speak for it.
+    support: f64,
+}
+
 /// Outcomes of every sample at every fraction of a turn k/n up to one half, n up to some largest order.
 struct Sweep {
     fractions: Vec<(u32, u32)>,
@@ -144,20 +159,27 @@ impl Sweep {
         tally
     }
 
-    /// Evidence at all multiples of 1/n, and the share against the worst of them.
-    fn order(&self, n: u32, chosen: &[usize]) -> (Tally, f64) {
+    /// Evidence at all multiples of 1/n.
+    fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
         /// A multiple with less evidence than this decides nothing alone.
         const ENOUGH: f64 = 10.0;
-        let mut sum = Tally::default();
-        let mut worst: f64 = 0.0;
+        let mut evidence = OrderEvidence::default();
+        let mut most_agreeing = f64::MIN_POSITIVE;
+        let mut primitive = (0.0, 0.0);
         for k in 1..=n / 2 {
             let tally = self.tally(k, n, chosen);
             if tally.agreeing + tally.against >= ENOUGH {
-                worst = worst.max(tally.share_against());
+                evidence.worst = evidence.worst.max(tally.share_against());
             }
-            sum.merge(&tally);
+            most_agreeing = most_agreeing.max(tally.agreeing);
+            if gcd(k, n) == 1 {
+                primitive.0 += tally.agreeing;
+                primitive.1 += 1.0;
+            }
+            evidence.sum.merge(&tally);
         }
-        (sum, worst)
+        evidence.support = primitive.0 / f64::max(primitive.1, 1.0) / most_agreeing;
+        evidence
     }
 
     /// Evidence at generic angles: fractions of a large denominator, which few orders share.
@@ -254,24 +276,20 @@ pub fn detect_order(
     let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, visibility);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
     let orders: Vec<u32> = (2..=params.max_order).collect();
-    let evidence: Vec<(f64, f64)> = orders
-        .par_iter()
-        .map(|&n| {
-            let (tally, worst) = sweep.order(n, &structured);
-            (tally.share_against(), worst)
-        })
-        .collect();
-    detection.against = evidence.iter().map(|e| e.0).collect();
+    let evidence: Vec<OrderEvidence> = orders.par_iter().map(|&n| sweep.order(n, &structured)).collect();
+    detection.against = evidence.iter().map(|e| e.sum.share_against()).collect();
     detection.generic = sweep.generic(&structured).share_against();
     let floor = detection.against.iter().copied().fold(f64::INFINITY, f64::min);
     let contrast = detection.generic - floor;
-    let holds = |(mean, worst): &(f64, f64)| {
-        *mean <= floor + params.tolerance * contrast && *worst <= floor + params.worst_tolerance * contrast
+    let holds = |e: &OrderEvidence| {
+        e.support >= params.support
+            && e.sum.share_against() <= floor + params.tolerance * contrast
+            && e.worst <= floor + params.worst_tolerance * contrast
     };
     let best = orders.iter().zip(&evidence).filter(|(_, e)| holds(e)).map(|(n, _)| *n).max();
     match best {
         Some(n) if floor < params.refused && contrast > params.structured => {
-            detection.explained = 1.0 - share * sweep.order(n, &structured).0.share_against();
+            detection.explained = 1.0 - share * sweep.order(n, &structured).sum.share_against();
             detection.order = (detection.explained >= params.explained).then_some(Order::Cyclic(n));
         }
         // What structure there is fits no order: a dent or a seam on a surface of revolution, or no symmetry at all.
