@@ -180,7 +180,13 @@ def _performance(rows: Sequence[Row]) -> list[Check]:
         scenario = row["scenario"]
         memory = row["memory_mb"]
         found += [
-            Check(scenario, "time, two threads", "<= 1 s", f"{row['seconds']:.2f} s", row["seconds"] <= 1.0),
+            Check(
+                scenario,
+                "time, two threads",
+                "<= 1 s",
+                f"{row['seconds']:.2f} s ({row['cpu_seconds']:.2f} s of the processors)",
+                row["seconds"] <= 1.0,
+            ),
             Check(
                 scenario,
                 "peak memory above the interpreter",

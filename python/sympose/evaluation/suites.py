@@ -57,7 +57,7 @@ def _short(
     chosen = seeds or (1,)
     todo = table_cases("own", chosen) + _promises("own", chosen)
     rows = run(_merged(todo), Store(out / "rows.jsonl"), jobs=jobs, progress=progress)
-    rows += _special(Store(out / "special.jsonl"), ("own",))
+    rows += _special(Store(out / "special.jsonl"), ("own",), progress)
     save_figures([row for row in rows if row["scenario"] == SPHERE.label and row["method"] in _SHOWN], out)
     parts = [
         f"Seeds {', '.join(map(str, chosen))}; 14 procedural parts.",
@@ -79,7 +79,7 @@ def _issue2(
     chosen = seeds or (1, 2, 3)
     todo = [case for source in sources for case in _promises(source, chosen)]
     rows = run(todo, Store(out / "rows.jsonl"), jobs=jobs, progress=progress)
-    rows += _special(Store(out / "special.jsonl"), sources)
+    rows += _special(Store(out / "special.jsonl"), sources, progress)
     save_figures(
         [row for row in rows if row["scenario"] == SPHERE.label and row["method"] != "invariance"], out
     )
@@ -115,15 +115,17 @@ def _merged(todo: Sequence[Case]) -> list[Case]:
     return list(merged.values())
 
 
-def _special(store: Store, sources: Sequence[str]) -> list[Row]:
+def _special(store: Store, sources: Sequence[str], progress: Progress | None) -> list[Row]:
     """What is no scan with a method: invariance of the pose, time and memory."""
-    rows = []
-    for source in sources:
-        for subject in subjects(source):
-            key = f"{subject.source} | {subject.part.name} | {SPHERE.label} | 1 | invariance"
-            if key not in store.rows:
-                store.add(measure_invariance(subject, SPHERE, 1))
-            rows.append(store.rows[key])
+    chosen = [subject for source in sources for subject in subjects(source)]
+    keys = [f"{one.source} | {one.part.name} | {SPHERE.label} | 1 | invariance" for one in chosen]
+    for done, (subject, key) in enumerate(zip(chosen, keys, strict=True), 1):
+        if key not in store.rows:
+            store.add(measure_invariance(subject, SPHERE, 1))
+        if progress is not None:
+            progress(done, len(chosen) + 1, key)
     if "performance" not in store.rows:
         store.add(measure_performance())
-    return [*rows, store.rows["performance"]]
+    if progress is not None:
+        progress(len(chosen) + 1, len(chosen) + 1, "performance")
+    return [store.rows[key] for key in (*keys, "performance")]
