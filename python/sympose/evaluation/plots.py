@@ -50,10 +50,10 @@ def recall_figure(rows: Sequence[Row]) -> Figure:
     for axes, (column, (title, low, high)) in zip(panels, _LIMITS.items(), strict=True):
         for (scenario, method), mine in grouped(rows, "scenario", "method").items():
             errors = np.sort([row[column] for row in mine if row.get(column) is not None])
-            recall = np.arange(1, len(errors) + 1) / len(mine)
+            recall = np.arange(len(errors) + 2).clip(max=len(errors)) / len(mine)
             several = len({row["scenario"] for row in rows}) > 1
             label = f"{method}, {scenario}" if several else method
-            axes.step(np.maximum(errors, low), recall, where="post", label=label)
+            axes.step([low, *np.maximum(errors, low), high], recall, where="post", label=label)
         axes.set(xscale="log", xlim=(low, high), ylim=(0.0, 1.02), xlabel=title)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("share of the scans")
