@@ -1,16 +1,14 @@
 //! The pipeline, read top to bottom like the figure of the paper.
 
-use std::collections::BTreeMap;
-use std::time::Instant;
-
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::cloud::PointCloud;
 use crate::config::Config;
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
+pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
+use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::{FoldedCell, axis_frame, complete};
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
@@ -23,89 +21,6 @@ use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
-/// A motion that leaves the part looking the same, so that the data cannot fix it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FreeDirection {
-    /// Rotation about the axis.
-    Yaw,
-    /// Translation along the axis.
-    Slide,
-    /// Rotation of the axis itself.
-    Tilt,
-    /// Translation across the axis.
-    Shift,
-}
-
-/// An axis that was considered.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Candidate {
-    /// Unit direction, world frame.
-    pub axis: [f64; 3],
-    /// The point of the axis nearest to the centroid of the part, world frame.
-    pub center: [f64; 3],
-    /// Order that was tried or found.
-    pub order: Order,
-    /// Match score in [0, 1].
-    pub score: f64,
-}
-
-/// The pose of a part, how far to trust it, and what was done to find it.
-#[derive(Debug, Clone)]
-pub struct Estimate {
-    /// Pose: +z the symmetry axis, +x the primary orientation, the origin on the axis.
-    pub world_from_object: Isometry3<f64>,
-    /// Order of the symmetry: never `Auto`.
-    pub order: Order,
-    /// Calibrated trust in [0, 1]; 0.5 and above is a pose to act on.
-    pub score: f64,
-    /// Share of the observed surface that the symmetry explains, in [0, 1].
-    pub explained: f64,
-    /// Covariance in the object frame: rotation x y z [rad], then translation x y z; infinite on the diagonal of a
-    /// free direction, with zeros beside it.
-    pub covariance: [[f64; 6]; 6],
-    /// Motions that the data does not fix.
-    pub unobservable: Vec<FreeDirection>,
-    /// What the caller should know.
-    pub warnings: Vec<String>,
-    /// Refined points of the object, world frame.
-    pub points: Vec<[f64; 3]>,
-    /// Unit normals of `points`, world frame.
-    pub normals: Vec<[f64; 3]>,
-    /// Input points behind them.
-    pub inliers: Vec<u32>,
-    /// For each inlier its row in `points`.
-    pub point_of_inlier: Vec<u32>,
-    /// Union of the rotated copies, world frame.
-    pub completed: Vec<[f64; 3]>,
-    /// For each completed point the sector it came from; 0: measured.
-    pub completed_sector: Vec<u32>,
-    /// Support plane: unit normal toward the part, and d, with n . x + d = 0.
-    pub ground: Option<[f64; 4]>,
-    /// Angle [rad] and match score in [0, 1].
-    pub match_curve: Vec<[f64; 2]>,
-    /// Runners-up, best first.
-    pub candidates: Vec<Candidate>,
-    /// Seconds spent in each stage.
-    pub timings: BTreeMap<String, f64>,
-    /// Counts and figures of each stage, by name.
-    pub diagnostics: BTreeMap<String, Diagnostic>,
-}
-
-/// One figure or remark of a stage.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Diagnostic {
-    /// A yes or no.
-    Flag(bool),
-    /// A count or measure; lengths in the unit of the cloud, angles in radians.
-    Number(f64),
-    /// A choice that was made, and why.
-    Text(String),
-    /// A series.
-    Series(Vec<f64>),
-}
-
 /// What one call adds to the configuration.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
@@ -115,46 +30,6 @@ pub struct Request {
     pub initial: Option<Isometry3<f64>>,
     /// Among the equivalent poses return the one nearest to this `world_from_object`.
     pub prefer: Option<Isometry3<f64>>,
-}
-
-/// Time and figures of the stages as they run.
-pub(crate) struct Stages<'a> {
-    control: &'a Control,
-    running: Option<(&'static str, Instant)>,
-    timings: BTreeMap<String, f64>,
-    diagnostics: BTreeMap<String, Diagnostic>,
-}
-
-impl<'a> Stages<'a> {
-    /// The stages in the order in which they run.
-    const NAMES: [&'static str; 9] =
-        ["input", "ground", "downsample", "outliers", "normals", "propose", "refine", "complete", "orient"];
-
-    fn new(control: &'a Control) -> Self {
-        Self { control, running: None, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
-    }
-
-    /// Ends the running stage, reports that the next one begins, and fails when the work is to stop.
-    pub(crate) fn begin(&mut self, stage: &'static str) -> Result<()> {
-        self.end();
-        self.running = Some((stage, Instant::now()));
-        let done = Self::NAMES.iter().position(|name| *name == stage).unwrap_or(0);
-        self.control.report(stage, done as f64 / Self::NAMES.len() as f64)
-    }
-
-    fn end(&mut self) {
-        if let Some((stage, started)) = self.running.take() {
-            *self.timings.entry(stage.to_owned()).or_default() += started.elapsed().as_secs_f64();
-        }
-    }
-
-    pub(crate) fn number(&mut self, name: &str, value: f64) {
-        self.diagnostics.insert(name.to_owned(), Diagnostic::Number(value));
-    }
-
-    pub(crate) fn text(&mut self, name: &str, value: &str) {
-        self.diagnostics.insert(name.to_owned(), Diagnostic::Text(value.to_owned()));
-    }
 }
 
 /// A checked configuration, ready to estimate any number of clouds from any thread.
@@ -253,12 +128,12 @@ impl Estimator {
         stages.number("coverage", completion.coverage);
         stages.number("sigma", found.sigma);
         stages.number("rounds", found.rounds as f64);
-        stages.diagnostics.insert("joint_cost".into(), Diagnostic::Series(found.costs.clone()));
+        stages.series("joint_cost", &found.costs);
         stages.number("yaw_angle", heading.angle);
         stages.number("structured", detection.structured);
         stages.number("generic_evidence", detection.generic);
-        stages.diagnostics.insert("order_evidence".into(), Diagnostic::Series(detection.against.clone()));
-        stages.diagnostics.insert("yaw_histogram".into(), Diagnostic::Series(heading.histogram.clone()));
+        stages.series("order_evidence", &detection.against);
+        stages.series("yaw_histogram", &heading.histogram);
 
         let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);
         let local_from_object = place(&axis, height, heading.angle, order, preferred);
@@ -274,7 +149,7 @@ impl Estimator {
         );
         let match_curve = self.match_curve(&prepared, &axis);
         let world = |p: &Vector3<f64>| (prepared.world_from_local * Point3::from(*p)).coords.into();
-        stages.end();
+        let (timings, diagnostics) = stages.finish();
         Ok(Estimate {
             world_from_object,
             order,
@@ -292,8 +167,8 @@ impl Estimator {
             ground: prepared.ground.map(|plane| plane_in_world(plane, &prepared.world_from_local)),
             match_curve,
             candidates: candidates.iter().map(|c| in_world(c, &prepared.world_from_local)).collect(),
-            timings: stages.timings,
-            diagnostics: stages.diagnostics,
+            timings,
+            diagnostics,
         })
     }
 

@@ -13,8 +13,10 @@ mod prepare;
 pub mod preprocess;
 #[cfg(feature = "python")]
 mod python;
+pub mod result;
 pub mod schema;
 pub mod spatial;
+mod stages;
 pub mod symmetry;
 pub use cloud::PointCloud;
 pub use config::Config;

@@ -6,12 +6,12 @@ use rayon::prelude::*;
 use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite};
 use crate::error::{Error, Result};
-use crate::estimate::Stages;
 use crate::preprocess::{
     ClusterParams, Ground, GroundParams, KNeighbors, VoxelGrid, find_ground, main_cluster, median_spacing,
     normals_from_neighbors, orient_normals, statistical_inliers, voxel_downsample,
 };
 use crate::spatial::KdTree;
+use crate::stages::Stages;
 use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::visibility::Visibility;
 

@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::estimate::{Candidate, Diagnostic, Estimate, FreeDirection};
+use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::symmetry::order::Order;
 
 /// The version of the schema that is written, and the only one that is read.

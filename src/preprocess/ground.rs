@@ -28,7 +28,7 @@ pub struct GroundParams {
 
 impl Default for GroundParams {
     fn default() -> Self {
-        Self { rough_distance: 0.01, band: 3.5, one_sided: 0.99, reach: 2.0, max_planes: 3, seed: 0 }
+        Self { rough_distance: 0.01, band: 3.5, one_sided: 0.99, reach: 2.5, max_planes: 3, seed: 0 }
     }
 }
 
@@ -43,6 +43,28 @@ pub struct Ground {
     pub removed: usize,
     /// Why the plane was taken for a support.
     pub reason: String,
+}
+
+/// Fewest points that can stand on a support.
+const MIN_REST: usize = 50;
+
+/// A sheet reaches at least this share of its largest reach in three quarters of the directions; blades do not.
+const EVEN_REACH: f64 = 0.25;
+
+/// Whether the points of the plane were measured from the side of the part: nobody sees a table from below, but the far
+/// face of a flat part is seen from its own outer side.
+fn seen_from_above(
+    points: &[[f64; 3]],
+    viewpoint_of: &(impl Fn(usize) -> Option<[f64; 3]> + Sync),
+    plane: &HalfSpace,
+    band: f64,
+) -> bool {
+    const NEARLY_ALL: f64 = 0.9;
+    let on_plane = (0..points.len()).filter(|&i| plane.distance(&points[i]).abs() <= band);
+    let sensors = on_plane.filter_map(viewpoint_of).fold((0usize, 0usize), |(above, all), viewpoint| {
+        (above + usize::from(plane.distance(&viewpoint) > 0.0), all + 1)
+    });
+    sensors.1 == 0 || sensors.0 as f64 >= NEARLY_ALL * sensors.1 as f64
 }
 
 /// Angular sectors in which the reach of a plane is judged.
@@ -61,7 +83,6 @@ pub fn find_ground(
     mode: GroundMode,
 ) -> Result<Option<Ground>> {
     check_finite(points)?;
-    let _ = viewpoint_of;
     if mode == GroundMode::Off {
         return Ok(None);
     }
@@ -81,6 +102,11 @@ pub fn find_ground(
         let above = rest.iter().filter(|&&i| plane.distance(&points[i as usize]) > 0.0).count();
         let share = above.max(rest.len() - above) as f64 / rest.len().max(1) as f64;
         let plane = if 2 * above < rest.len() { plane.flipped() } else { plane };
+        if rest.len() < MIN_REST.max(points.len() / 100)
+            || !seen_from_above(points, &viewpoint_of, &plane, band)
+        {
+            continue;
+        }
         let sectors = reaching_sectors(points, &rest, &plane, band, params.reach);
         if share >= params.one_sided && (mode == GroundMode::On || 2 * sectors >= SECTORS) {
             let kept: Vec<u32> =
@@ -160,13 +186,18 @@ fn reaching_sectors(points: &[[f64; 3]], rest: &[u32], plane: &HalfSpace, band: 
     let high = (0.95 * (radii.len() - 1) as f64) as usize;
     let footprint = *radii.select_nth_unstable_by(high, f64::total_cmp).1;
     let mut beyond = [0_usize; SECTORS];
+    let mut reached = [0_f64; SECTORS];
     for i in (0..points.len() as u32).filter(|&i| plane.distance(&points[i as usize]).abs() <= band) {
         let p = project(&i);
         let (x, y) = (p[0] - center[0], p[1] - center[1]);
-        if x.hypot(y) > reach * footprint {
-            let turn = y.atan2(x) / std::f64::consts::TAU + 0.5;
-            beyond[((turn * SECTORS as f64) as usize).min(SECTORS - 1)] += 1;
-        }
+        let turn = y.atan2(x) / std::f64::consts::TAU + 0.5;
+        let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
+        reached[sector] = reached[sector].max(x.hypot(y));
+        beyond[sector] += usize::from(x.hypot(y) > reach * footprint);
+    }
+    reached.sort_by(f64::total_cmp);
+    if reached[SECTORS / 4] < EVEN_REACH * reached[SECTORS - 1] {
+        return 0;
     }
     beyond.iter().filter(|&&count| count >= 10).count()
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen};
 
-use crate::estimate::FreeDirection;
+use crate::result::FreeDirection;
 
 /// What is known of the frame beside the axis itself.
 #[derive(Debug, Clone, Copy)]

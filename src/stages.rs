@@ -1,0 +1,58 @@
+//! Time, figures and progress of the stages as they run.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::result::Diagnostic;
+
+/// Time and figures of the stages as they run.
+pub(crate) struct Stages<'a> {
+    control: &'a Control,
+    running: Option<(&'static str, Instant)>,
+    timings: BTreeMap<String, f64>,
+    diagnostics: BTreeMap<String, Diagnostic>,
+}
+
+impl<'a> Stages<'a> {
+    /// The stages in the order in which they run.
+    const NAMES: [&'static str; 9] =
+        ["input", "ground", "downsample", "outliers", "normals", "propose", "refine", "complete", "orient"];
+
+    pub(crate) fn new(control: &'a Control) -> Self {
+        Self { control, running: None, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
+    }
+
+    /// Ends the running stage, reports that the next one begins, and fails when the work is to stop.
+    pub(crate) fn begin(&mut self, stage: &'static str) -> Result<()> {
+        self.end();
+        self.running = Some((stage, Instant::now()));
+        let done = Self::NAMES.iter().position(|name| *name == stage).unwrap_or(0);
+        self.control.report(stage, done as f64 / Self::NAMES.len() as f64)
+    }
+
+    fn end(&mut self) {
+        if let Some((stage, started)) = self.running.take() {
+            *self.timings.entry(stage.to_owned()).or_default() += started.elapsed().as_secs_f64();
+        }
+    }
+
+    pub(crate) fn number(&mut self, name: &str, value: f64) {
+        self.diagnostics.insert(name.to_owned(), Diagnostic::Number(value));
+    }
+
+    pub(crate) fn series(&mut self, name: &str, values: &[f64]) {
+        self.diagnostics.insert(name.to_owned(), Diagnostic::Series(values.to_vec()));
+    }
+
+    /// Ends the last stage; gives seconds and figures by name.
+    pub(crate) fn finish(mut self) -> (BTreeMap<String, f64>, BTreeMap<String, Diagnostic>) {
+        self.end();
+        (self.timings, self.diagnostics)
+    }
+
+    pub(crate) fn text(&mut self, name: &str, value: &str) {
+        self.diagnostics.insert(name.to_owned(), Diagnostic::Text(value.to_owned()));
+    }
+}

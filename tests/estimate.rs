@@ -1,0 +1,234 @@
+//! The whole pipeline on analytic parts: pose, order, invariance, determinism, and what is refused.
+
+use std::f64::consts::TAU;
+use std::time::Duration;
+
+use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use sympose::{CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Request};
+
+/// A lobed knob with a dished top, seen all round: points about the z axis, lobes of `order` (0: none).
+fn knob(order: u32, count: usize) -> Vec<[f64; 3]> {
+    let golden = 0.618_033_988_749_894_9;
+    let lobed = |angle: f64| if order == 0 { 0.4 } else { 0.4 + 0.05 * (f64::from(order) * angle).cos() };
+    (0..count)
+        .map(|i| {
+            let share = (i as f64 + 0.5) / count as f64;
+            let angle = TAU * (i as f64 * golden).fract();
+            let rim = lobed(angle);
+            // Noise of a thousandth, from a second low-discrepancy sequence.
+            let noise = 0.002 * ((i as f64 * 0.754_877_666_2).fract() - 0.5);
+            if share < 0.4 {
+                let r = rim * (share / 0.4).sqrt();
+                [r * angle.cos(), r * angle.sin(), 0.15 + 0.1 * r * r + noise]
+            } else if share < 0.7 {
+                let z = -0.1 + (0.25 + 0.1 * rim * rim) * (share - 0.4) / 0.3;
+                [(rim + noise) * angle.cos(), (rim + noise) * angle.sin(), z]
+            } else {
+                let r = rim * ((share - 0.7) / 0.3).sqrt();
+                [r * angle.cos(), r * angle.sin(), -0.1 + noise]
+            }
+        })
+        .collect()
+}
+
+fn moved(points: &[[f64; 3]], pose: &Isometry3<f64>, scale: f64) -> Vec<[f64; 3]> {
+    points.iter().map(|p| (pose * Point3::from(p.map(|x| x * scale))).coords.into()).collect()
+}
+
+fn tilted() -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::new(3.0, -2.0, 1.0),
+        UnitQuaternion::from_euler_angles(0.7, -0.4, 1.1),
+    )
+}
+
+fn estimate(points: Vec<[f64; 3]>, config: Config) -> Result<Estimate, Error> {
+    Estimator::new(config)?.estimate(&PointCloud::from_points(points)?)
+}
+
+fn cyclic(order: u32) -> Config {
+    Config { order: Order::Cyclic(order), ..Config::default() }
+}
+
+fn axis_error_deg(estimate: &Estimate, truth: &Isometry3<f64>) -> f64 {
+    let (a, b) = (estimate.world_from_object * Vector3::z(), truth * Vector3::z());
+    a.cross(&b).norm().atan2(a.dot(&b).abs()).to_degrees()
+}
+
+fn offset(estimate: &Estimate, truth: &Isometry3<f64>) -> f64 {
+    let axis = estimate.world_from_object * Vector3::z();
+    let d = truth.translation.vector - estimate.world_from_object.translation.vector;
+    (d - axis * axis.dot(&d)).norm()
+}
+
+#[test]
+fn a_known_order_gives_the_pose() {
+    let truth = tilted();
+    let found = estimate(moved(&knob(5, 30_000), &truth, 1.0), cyclic(5)).unwrap();
+    assert!(axis_error_deg(&found, &truth) < 0.05, "{}", axis_error_deg(&found, &truth));
+    assert!(offset(&found, &truth) < 5e-4);
+    assert!(found.score > 0.8 && found.explained > 0.95);
+    assert_eq!(found.inliers.len(), found.point_of_inlier.len());
+    assert!(found.point_of_inlier.iter().all(|&i| (i as usize) < found.points.len()));
+    assert_eq!(found.completed.len(), found.completed_sector.len());
+    // +x points at a lobe: the harmonic phase is the direction in which there is most surface.
+    let x = truth.inverse() * (found.world_from_object * Vector3::x());
+    let off_lobe = (5.0 * x.y.atan2(x.x)).sin().atan2((5.0 * x.y.atan2(x.x)).cos()) / 5.0;
+    assert!(off_lobe.abs().to_degrees() < 2.0, "{} deg off the lobe", off_lobe.to_degrees());
+}
+
+#[test]
+fn the_order_is_found() {
+    let truth = tilted();
+    for (order, expected) in [(3, Order::Cyclic(3)), (8, Order::Cyclic(8)), (0, Order::Continuous)] {
+        let found = estimate(moved(&knob(order, 20_000), &truth, 1.0), Config::default()).unwrap();
+        assert_eq!(found.order, expected);
+        assert!(axis_error_deg(&found, &truth) < 0.2, "order {order}: {}", axis_error_deg(&found, &truth));
+    }
+}
+
+#[test]
+fn a_wrong_order_is_warned_of() {
+    let found = estimate(knob(6, 20_000), cyclic(3)).unwrap();
+    assert_eq!(found.order, Order::Cyclic(3));
+    assert!(found.warnings.iter().any(|w| w.contains("order 6")), "{:?}", found.warnings);
+}
+
+#[test]
+fn a_part_without_symmetry_is_refused() {
+    // A box with three different edges and a boss in one corner.
+    let mut points: Vec<[f64; 3]> = Vec::new();
+    for i in 0..60 {
+        for j in 0..60 {
+            let (u, v) = (f64::from(i) / 59.0, f64::from(j) / 59.0);
+            points.push([u, 0.6 * v, 0.0]);
+            points.push([u, 0.0, 0.25 * v]);
+            points.push([0.0, 0.6 * u, 0.25 * v]);
+            points.push([u, 0.6, 0.25 * v * (1.0 - 0.8 * u)]);
+            points.push([0.7 + 0.2 * u, 0.1 + 0.2 * v, 0.35]);
+        }
+    }
+    let refused = estimate(points, Config::default());
+    assert!(matches!(refused, Err(Error::NoSymmetry { .. })), "{:?}", refused.map(|e| e.order));
+}
+
+#[test]
+fn the_pose_follows_the_cloud() {
+    let points = knob(5, 20_000);
+    let reference = estimate(points.clone(), cyclic(5)).unwrap();
+    let turn = tilted();
+    let far = Isometry3::from_parts(Translation3::new(4e6, -4e6, 4e6), UnitQuaternion::identity());
+    for (name, motion, scale) in
+        [("turned", turn, 1.0), ("shifted", far, 1.0), ("scaled", Isometry3::identity(), 1e3)]
+    {
+        let found = estimate(moved(&points, &motion, scale), cyclic(5)).unwrap();
+        let axis = motion.inverse() * (found.world_from_object * Vector3::z());
+        let center = motion.inverse() * Point3::from(found.world_from_object.translation.vector) / scale;
+        let tilt = (axis - reference.world_from_object * Vector3::z()).norm();
+        let shift = (center.coords - reference.world_from_object.translation.vector).norm();
+        assert!(tilt < 1e-5 && shift < 1e-5, "{name}: {tilt} {shift}");
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let points = moved(&knob(5, 20_000), &tilted(), 1.0);
+    let with = |threads| {
+        let mut found = estimate(points.clone(), Config { threads: Some(threads), ..cyclic(5) }).unwrap();
+        found.timings.clear();
+        serde_json::to_string(&found).unwrap()
+    };
+    let one = with(1);
+    assert!(one == with(2) && one == with(4));
+}
+
+#[test]
+fn the_preferred_pose_chooses_among_the_equivalent_ones() {
+    let points = knob(5, 20_000);
+    let cloud = PointCloud::from_points(points).unwrap();
+    let estimator = Estimator::new(cyclic(5)).unwrap();
+    let first = estimator.estimate(&cloud).unwrap().world_from_object;
+    let turn = |k: f64| {
+        first
+            * Isometry3::from_parts(
+                Translation3::identity(),
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), k),
+            )
+    };
+    for k in 0..5 {
+        let prefer = turn(TAU * f64::from(k) / 5.0 + 0.2);
+        let request = Request { prefer: Some(prefer), ..Request::default() };
+        let chosen = estimator.estimate_with(&cloud, &request).unwrap().world_from_object;
+        assert!((chosen.rotation.angle_to(&prefer.rotation) - 0.2).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_pose_near_the_last_one_is_only_refined() {
+    let truth = tilted();
+    let cloud = PointCloud::from_points(moved(&knob(5, 20_000), &truth, 1.0)).unwrap();
+    let estimator = Estimator::new(cyclic(5)).unwrap();
+    let near = truth
+        * Isometry3::from_parts(
+            Translation3::new(0.01, 0.0, 0.0),
+            UnitQuaternion::from_euler_angles(0.02, 0.0, 0.0),
+        );
+    let lost = Isometry3::from_parts(
+        truth.translation,
+        UnitQuaternion::from_euler_angles(1.5, 0.3, 0.0) * truth.rotation,
+    );
+    for initial in [near, lost] {
+        let request = Request { initial: Some(initial), ..Request::default() };
+        let found = estimator.estimate_with(&cloud, &request).unwrap();
+        assert!(axis_error_deg(&found, &truth) < 0.1);
+    }
+}
+
+#[test]
+fn clouds_that_hold_no_part_are_refused_with_a_reason() {
+    let line = (0..1000).map(|i| [f64::from(i), 2.0 * f64::from(i), 0.0]).collect();
+    assert!(matches!(estimate(line, cyclic(4)), Err(Error::Degenerate { shape: "collinear" })));
+    assert!(matches!(
+        estimate(vec![[1.0, 2.0, 3.0]; 200_000], cyclic(4)),
+        Err(Error::Degenerate { shape: "identical" })
+    ));
+    assert!(matches!(estimate(knob(5, 20), cyclic(5)), Err(Error::InsufficientData { .. })));
+    assert!(matches!(estimate(Vec::new(), cyclic(5)), Err(Error::InsufficientData { .. })));
+    assert!(matches!(estimate(knob(5, 1000), cyclic(1)), Err(Error::InvalidParameter { name: "order", .. })));
+    let nowhere = Config { roi: Some([[10.0; 3], [11.0; 3]]), ..cyclic(5) };
+    assert!(matches!(estimate(knob(5, 1000), nowhere), Err(Error::InsufficientData { .. })));
+}
+
+#[test]
+fn a_sphere_has_no_axis_to_act_on() {
+    let golden = TAU * 0.618_033_988_749_894_9;
+    let sphere = (0..20_000)
+        .map(|i| {
+            let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / 20_000.0;
+            let r = (1.0 - z * z).sqrt();
+            [r * (golden * f64::from(i)).cos(), r * (golden * f64::from(i)).sin(), z]
+        })
+        .collect();
+    match estimate(sphere, Config { order: Order::Continuous, ..Config::default() }) {
+        Ok(found) => assert!(!found.unobservable.is_empty(), "{:?} {}", found.unobservable, found.score),
+        Err(error) => assert!(matches!(error, Error::NoSymmetry { .. })),
+    }
+}
+
+#[test]
+fn work_stops_when_asked() {
+    let cloud = PointCloud::from_points(knob(5, 20_000)).unwrap();
+    let estimator = Estimator::new(cyclic(5)).unwrap();
+    let token = CancelToken::default();
+    let from_inside = token.clone();
+    let control = Control::new().with_cancel(token).with_progress(move |stage, _| {
+        if stage == "propose" {
+            from_inside.cancel();
+        }
+    });
+    let cancelled = estimator.estimate_with(&cloud, &Request { control, ..Request::default() });
+    assert!(matches!(cancelled, Err(Error::Cancelled)));
+    let control = Control::new().with_timeout(Duration::from_millis(1));
+    let late = estimator.estimate_with(&cloud, &Request { control, ..Request::default() });
+    assert!(matches!(late, Err(Error::DeadlineExceeded { .. })));
+}
