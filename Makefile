@@ -10,10 +10,11 @@ PYTHON ?= $(firstword $(foreach python,python3 python3.14 python3.13 python3.12 
     $(python) -c 'import sys; sys.version_info >= (3, 11) and print("$(python)")' 2>/dev/null)))
 BIN := .venv/bin
 MATURIN := VIRTUAL_ENV="$(CURDIR)/.venv" $(BIN)/maturin develop --locked --quiet
-# Without the package itself, which is built later, for speed or for tests.
-REQUIREMENTS := import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
-    extras = [project["optional-dependencies"][name] for name in "segment io plot datasets dev".split()]; \
-    print(*project["dependencies"], *sum(extras, []), sep="\n")
+# What the named extras need, without the package itself, which is built later, for speed or for tests.
+REQUIREMENTS := import sys, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+    needed = sum((project["optional-dependencies"][extra] for extra in sys.argv[1:]), project["dependencies"]); \
+    print(*(line for line in needed if not line.startswith("sympose[")), sep="\n")
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export PATH := $(PATH):$(HOME)/.cargo/bin
 # Clippy builds pyo3 just as maturin does, so that neither makes the other build it again.
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
@@ -68,11 +69,11 @@ format: .venv/ready
 setup: release
 	@echo 'ready: source .venv/bin/activate'
 
-bench: release
+bench: release .venv/peers
 	cargo bench --locked
 	$(BIN)/python benches/compare_peers.py
 
-evaluate: release
+evaluate: release .venv/peers
 	$(BIN)/sympose evaluate
 
 release: prerequisites .venv/ready
@@ -86,8 +87,14 @@ wheel: prerequisites .venv/ready
 
 .venv/ready: pyproject.toml | prerequisites
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -c '$(REQUIREMENTS)' > .venv/requirements.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement .venv/requirements.txt
+	$(BIN)/python -c '$(REQUIREMENTS)' segment io plot datasets dev > .venv/requirements.txt
+	$(PIP) --requirement .venv/requirements.txt
+	touch $@
+
+# Other libraries that are measured beside this one; large.
+.venv/peers: .venv/ready
+	$(BIN)/python -c '$(REQUIREMENTS)' evaluation > .venv/peers.txt
+	$(PIP) --requirement .venv/peers.txt
 	touch $@
 
 clean:
