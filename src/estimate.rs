@@ -391,7 +391,7 @@ fn plane_in_world([x, y, z, d]: [f64; 4], world_from_local: &Isometry3<f64>) -> 
     [normal.x, normal.y, normal.z, d - normal.dot(&world_from_local.translation.vector)]
 }
 
-/// Standard deviation of the height of the centroid, from the scatter of the cells [length].
+/// Standard deviation of the height of the centroid, from the scatter of the cells \[length\].
 fn slide_sigma(cells: &[FoldedCell]) -> f64 {
     let area: f64 = cells.iter().map(|c| c.area).sum();
     let mean = cells.iter().map(|c| c.area * c.position.z).sum::<f64>() / area;

@@ -45,7 +45,7 @@ pub struct Estimate {
     pub score: f64,
     /// Share of the observed surface that the symmetry explains, in [0, 1].
     pub explained: f64,
-    /// Covariance in the object frame: rotation x y z [rad], then translation x y z; infinite on the diagonal of a
+    /// Covariance in the object frame: rotation x y z \[rad\], then translation x y z; infinite on the diagonal of a
     /// free direction, with zeros beside it.
     pub covariance: [[f64; 6]; 6],
     /// Motions that the data does not fix.
@@ -66,7 +66,7 @@ pub struct Estimate {
     pub completed_sector: Vec<u32>,
     /// Support plane: unit normal toward the part, and d, with n . x + d = 0.
     pub ground: Option<[f64; 4]>,
-    /// Angle [rad] and match score in [0, 1].
+    /// Angle \[rad\] and match score in [0, 1].
     pub match_curve: Vec<[f64; 2]>,
     /// Runners-up, best first.
     pub candidates: Vec<Candidate>,

@@ -21,9 +21,9 @@ use crate::symmetry::visibility::Visibility;
 pub struct DetectParams {
     /// Largest discrete order that is looked for; finer ones count as continuous.
     pub max_order: u32,
-    /// Points that are rotated to find the rings of the surface that have structure [count].
+    /// Points that are rotated to find the rings of the surface that have structure \[count\].
     pub samples: usize,
-    /// Points of these rings that are rotated to find the order [count].
+    /// Points of these rings that are rotated to find the order \[count\].
     pub ring_samples: usize,
     /// Share of the angles at which a point must be contradicted to count as structured.
     pub structured: f64,
