@@ -21,7 +21,7 @@ export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 export PYO3_BUILD_EXTENSION_MODULE := 1
 
 help:
-	@echo 'make demo      estimate the poses of synthetic scans, draw them, print the errors'
+	@echo 'make demo      scan a synthetic part, find its pose, draw every stage, print the error'
 	@echo 'make test      every check: formatting, lints, types, documentation, tests of both languages'
 	@echo 'make setup     the package, built for speed, in .venv: source .venv/bin/activate'
 	@echo 'make bench     time the stages, and other libraries beside them'

@@ -140,6 +140,8 @@ def demo(options: argparse.Namespace) -> int:
         "written: " + ", ".join(str(path) for path in done.files),
     ]
     sys.stdout.write("\n".join(lines) + "\n")
+    for warning in done.estimate.warnings:
+        sys.stderr.write(f"sympose: {warning}\n")
     if not done.passed:
         sys.stderr.write(f"sympose: the axis is off by more than {MAX_AXIS_DEG:g} deg\n")
     return 0 if done.passed else 1

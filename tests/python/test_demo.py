@@ -16,7 +16,8 @@ from PIL import Image  # noqa: E402
 
 from sympose import demo  # noqa: E402
 from sympose.cli import main  # noqa: E402
-from sympose.evaluation.metrics import axis_angle_deg  # noqa: E402
+from sympose.evaluation.metrics import axis_angle_deg, pose_errors  # noqa: E402
+from sympose.evaluation.reference import reference_of  # noqa: E402
 
 SMALL = ["--part", "wheel_hub_6", "--views", "2", "--seed", "1"]
 
@@ -65,27 +66,24 @@ def test_the_pose_is_that_of_the_part(out: Path) -> None:
     assert np.linalg.norm(np.cross(truth.center - found.center, truth.axis)) < 0.02
 
 
-def test_a_wrong_axis_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("tilt_deg", "code"), [(0.9, 0), (1.1, 1), (179.0, 0)])
+def test_the_exit_code_follows_the_axis(
+    tilt_deg: float, code: int, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    right = demo.estimate
+    from sympose.datasets import part, scan
 
-    def tilted(*scene: object, **options: object) -> sympose.Estimate:
-        hint = np.asarray([0.0, 0.0, 1.0]) if "axis_hint" in options else None
-        if hint is not None:  # the reference of the yaw
-            return right(*scene, **options)  # type: ignore[arg-type]
-        found = right(*scene, **options)  # type: ignore[arg-type]
-        pose = np.array(found.pose)
-        angle = np.radians(2.0)
-        tilt = np.eye(4)
-        tilt[1:3, 1:3] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        return _moved(found, pose @ tilt)
-
-    monkeypatch.setattr(demo, "estimate", tilted)
-    assert main(["demo", *SMALL, "--out", str(tmp_path)]) == 1
+    one = scan(part("wheel_hub_6"), "table", views=2, seed=1)
+    c, s = np.cos(np.radians(tilt_deg)), np.sin(np.radians(tilt_deg))
+    tilt = np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+    truth = np.array(one.world_from_object)
+    truth[:3, 3] = one.center
+    errors = pose_errors(reference_of(part("wheel_hub_6")), truth, truth @ tilt, diameter=one.diameter)
+    done = demo.Demo(one, sympose.Estimate.load(out / "estimate.json"), errors, ())
+    monkeypatch.setattr(demo, "run_demo", lambda *_, **__: done)
+    assert main(["demo"]) == code
     captured = capsys.readouterr()
-    assert "1 deg" in captured.err
-    assert "2.0" in captured.out
+    assert f"{min(tilt_deg, 180.0 - tilt_deg):.4f} deg" in captured.out
+    assert ("more than 1 deg" in captured.err) == bool(code)
 
 
 @pytest.mark.parametrize("name", ["nonsense", "asymmetric"])
@@ -96,16 +94,14 @@ def test_a_part_that_cannot_be_estimated_is_refused(name: str, tmp_path: Path) -
     assert main(["demo", "--part", chosen, "--out", str(tmp_path), "--quiet"]) == 2
 
 
-def _moved(found: sympose.Estimate, pose: np.ndarray) -> sympose.Estimate:
-    import json
+@pytest.mark.parametrize("file", ["estimate.json", "scan.ply", "completed.ply"])
+def test_view_draws_what_was_written(file: str, out: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "view.png"
+    assert main(["view", str(out / file), "--save", str(picture)]) == 0
+    with Image.open(picture) as image:
+        assert len(image.convert("RGB").getcolors(1 << 24) or []) > 50
 
-    quaternion = _quaternion(pose[:3, :3])
-    text = json.loads(found.to_json())
-    text |= {"pose": pose.tolist(), "axis": pose[:3, 2].tolist(), "quaternion": quaternion.tolist()}
-    return sympose.Estimate.from_json(json.dumps(text))
 
-
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_quat())
+def test_view_without_a_file_to_read_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", str(tmp_path / "missing.ply"), "--save", str(tmp_path / "view.png")]) == 2
+    assert "missing.ply" in capsys.readouterr().err
