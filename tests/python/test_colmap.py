@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from sympose.errors import InvalidInputError
 from sympose.io import read, read_colmap
 

@@ -7,6 +7,7 @@ import pytest
 import sklearn.mixture
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from sympose.camera import PinholeCamera, View
 from sympose.errors import InvalidInputError
 from sympose.segmentation import segment
