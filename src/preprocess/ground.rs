@@ -28,7 +28,7 @@ pub struct GroundParams {
 
 impl Default for GroundParams {
     fn default() -> Self {
-        Self { rough_distance: 0.01, band: 3.5, one_sided: 0.99, reach: 2.5, max_planes: 3, seed: 0 }
+        Self { rough_distance: 0.01, band: 3.5, one_sided: 0.99, reach: 2.0, max_planes: 3, seed: 0 }
     }
 }
 
