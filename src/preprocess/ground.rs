@@ -49,7 +49,7 @@ pub struct Ground {
 const MIN_REST: usize = 50;
 
 /// A sheet reaches at least this share of its largest reach in three quarters of the directions; blades do not.
-const EVEN_REACH: f64 = 0.25;
+const EVEN_REACH: f64 = 0.05;
 
 /// Whether the points of the plane were measured from the side of the part: nobody sees a table from below, but the far
 /// face of a flat part is seen from its own outer side.
