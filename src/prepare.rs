@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
 use crate::cloud::PointCloud;
-use crate::config::{ClusterMode, Config, NonFinite};
+use crate::config::{ClusterMode, Config, NonFinite, OutlierParams};
 use crate::error::{Error, Result};
 use crate::preprocess::{
     ClusterParams, Ground, GroundParams, KNeighbors, VoxelGrid, find_ground, main_cluster, median_spacing,
@@ -60,7 +60,11 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         Some(Ground { kept, reason, removed, .. }) => {
             stages.text("ground", reason);
             stages.number("ground_points", *removed as f64);
-            scene.select(kept)
+            let scene = scene.select(kept);
+            match config.cluster {
+                ClusterMode::Main => scene.isolated(&config.outliers)?,
+                ClusterMode::Off => scene,
+            }
         }
         None => scene,
     };
@@ -180,6 +184,28 @@ impl Scene {
 
     fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
         self.viewpoints.as_ref().map(|rows| rows[i])
+    }
+
+    /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
+    /// that thing itself, which is found by looking again at what the last look has left.
+    fn isolated(mut self, params: &OutlierParams) -> Result<Self> {
+        const LOOKS: usize = 4;
+        for _ in 0..LOOKS {
+            if self.points.len() < MIN_POINTS {
+                break;
+            }
+            let diameter = width(&self.points);
+            let distance = 0.5 * params.cluster_distance * diameter;
+            let coarse = voxel_downsample(&self.points, (0.25 * distance).max(f64::MIN_POSITIVE))?;
+            let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
+            let belongs = |i: &u32| clusters.labels[coarse.inverse[*i as usize] as usize] == 0;
+            let kept: Vec<u32> = (0..self.points.len() as u32).filter(belongs).collect();
+            self = self.select(&kept);
+            if width(&self.points) > 0.9 * diameter {
+                break;
+            }
+        }
+        Ok(self)
     }
 
     fn select(self, kept: &[u32]) -> Self {

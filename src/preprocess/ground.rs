@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::check_finite;
-use super::plane::{HalfSpace, PlaneParams, segment_plane};
+use super::cluster::{ClusterParams, main_cluster};
+use super::outline::{Flat, Outline, distance, enclosing_middle};
+use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
 use crate::config::GroundMode;
 use crate::error::Result;
 
@@ -16,10 +18,14 @@ pub struct GroundParams {
     pub rough_distance: f64,
     /// Half width of the band that is removed [standard deviations of the noise of the plane].
     pub band: f64,
-    /// Share of the rest of the scene that must lie on one side of a support.
+    /// Share of what lies over the plane that must be on one side of it.
     pub one_sided: f64,
-    /// How far a support must reach beyond the rest [radii of the footprint of the rest].
+    /// How far the plane must reach beyond what stands on it [reach of what stands on it].
     pub reach: f64,
+    /// Share of the directions in which it must reach that far.
+    pub free_directions: f64,
+    /// Asymmetry of its outline below which a plane with the rest in its middle is a face of the part.
+    pub outline: f64,
     /// Planes that are looked at, one after the other \[count\].
     pub max_planes: usize,
     /// Seed of the samples.
@@ -28,7 +34,16 @@ pub struct GroundParams {
 
 impl Default for GroundParams {
     fn default() -> Self {
-        Self { rough_distance: 0.01, band: 3.5, one_sided: 0.99, reach: 2.0, max_planes: 3, seed: 0 }
+        Self {
+            rough_distance: 0.01,
+            band: 3.5,
+            one_sided: 0.99,
+            reach: 1.1,
+            free_directions: 0.7,
+            outline: 0.06,
+            max_planes: 3,
+            seed: 0,
+        }
     }
 }
 
@@ -37,7 +52,7 @@ impl Default for GroundParams {
 pub struct Ground {
     /// Unit normal n toward the part, and d, with n . x + d = 0.
     pub plane: [f64; 4],
-    /// Points that remain as candidates for the part, ascending.
+    /// Points that remain as candidates for the part, ascending: those over the plane.
     pub kept: Vec<u32>,
     /// Number of points removed.
     pub removed: usize,
@@ -45,32 +60,28 @@ pub struct Ground {
     pub reason: String,
 }
 
-/// Fewest points that can stand on a support.
+/// Points on which planes are looked for and judged.
+const LOOKED_AT: usize = 20_000;
+
+/// Fewest of them that can stand on a support.
 const MIN_REST: usize = 50;
 
-/// A sheet reaches at least this share of its largest reach in three quarters of the directions; blades do not.
-const EVEN_REACH: f64 = 0.05;
+/// Margin about the outline of a plane within which points still lie over it [radii of the outline].
+const MARGIN: f64 = 0.03;
 
-/// Whether the points of the plane were measured from the side of the part: nobody sees a table from below, but the far
-/// face of a flat part is seen from its own outer side.
-fn seen_from_above(
-    points: &[[f64; 3]],
-    viewpoint_of: &(impl Fn(usize) -> Option<[f64; 3]> + Sync),
-    plane: &HalfSpace,
-    band: f64,
-) -> bool {
-    const NEARLY_ALL: f64 = 0.9;
-    let on_plane = (0..points.len()).filter(|&i| plane.distance(&points[i]).abs() <= band);
-    let sensors = on_plane.filter_map(viewpoint_of).fold((0usize, 0usize), |(above, all), viewpoint| {
-        (above + usize::from(plane.distance(&viewpoint) > 0.0), all + 1)
-    });
-    sensors.1 == 0 || sensors.0 as f64 >= NEARLY_ALL * sensors.1 as f64
-}
+/// Share of what is above a plane, in that margin, that must stand on it; the rest may lean over its edge.
+const MOSTLY: f64 = 0.8;
 
-/// Angular sectors in which the reach of a plane is judged.
-const SECTORS: usize = 16;
+/// Height at which what stands on a plane begins, at most [radii of the outline].
+const CONTACT: f64 = 0.1;
 
-/// Looks for the plane that the part stands on, and removes it with everything below.
+/// Margin about the outline, and depth below it, within which nothing else may be [radii of the outline].
+const NEAR: f64 = 0.3;
+
+/// Looks for the plane that the part stands on, and removes it with everything below and beside it.
+///
+/// A support is seen from above only, has nothing below it, is filled nearly to its outline, reaches beyond what stands
+/// on it, and its outline has nothing to do with the symmetry of the part: it is cut off by the picture or an edge.
 ///
 /// `viewpoint_of` gives for a point the position it was seen from, where known.
 ///
@@ -86,44 +97,175 @@ pub fn find_ground(
     if mode == GroundMode::Off {
         return Ok(None);
     }
-    let mut rest: Vec<u32> = (0..points.len() as u32).collect();
-    let mut planes = Vec::new();
+    let chosen = even_sample(points.len(), LOOKED_AT, params.seed);
+    let sample: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i]).collect();
+    let sensors: Vec<Option<[f64; 3]>> = chosen.iter().map(|&i| viewpoint_of(i)).collect();
+    let scene = Scene { points: &sample, sensors: &sensors };
+    let mut remaining = sample.clone();
     for round in 0..params.max_planes {
-        let remaining: Vec<[f64; 3]> = rest.iter().map(|&i| points[i as usize]).collect();
         let Some((plane, band)) = dominant_plane(&remaining, params, round) else { break };
-        let before = rest.len();
-        rest.retain(|&i| plane.distance(&points[i as usize]).abs() > band);
-        if before - rest.len() < points.len() / 20 {
+        let before = remaining.len();
+        remaining.retain(|p| plane.distance(p).abs() > band);
+        if before - remaining.len() < sample.len() / 20 {
             break;
         }
-        planes.push((plane, band));
-    }
-    for (plane, band) in planes {
-        let above = rest.iter().filter(|&&i| plane.distance(&points[i as usize]) > 0.0).count();
-        let share = above.max(rest.len() - above) as f64 / rest.len().max(1) as f64;
-        let plane = if 2 * above < rest.len() { plane.flipped() } else { plane };
-        if rest.len() < MIN_REST.max(points.len() / 100)
-            || !seen_from_above(points, &viewpoint_of, &plane, band)
-        {
-            continue;
-        }
-        let sectors = reaching_sectors(points, &rest, &plane, band, params.reach);
-        if share >= params.one_sided && (mode == GroundMode::On || 2 * sectors >= SECTORS) {
-            let kept: Vec<u32> =
-                (0..points.len() as u32).filter(|&i| plane.distance(&points[i as usize]) > band).collect();
-            return Ok(Some(Ground {
-                plane: plane.coefficients(),
-                removed: points.len() - kept.len(),
-                kept,
-                reason: format!(
-                    "{:.1} % of the rest on one side; reaches beyond it in {sectors} of {SECTORS} directions",
-                    100.0 * share
-                ),
-            }));
-        }
+        // Each plane is judged against everything else, other planes included.
+        let Some(support) = scene.support(plane, band, params, mode) else { continue };
+        let Some(plane) = support.plane.refitted(points, band) else { continue };
+        let plane = if plane.normal.dot(&support.plane.normal) < 0.0 { plane.flipped() } else { plane };
+        let Support { outline, axes, .. } = &support;
+        let margin = NEAR * outline.radius();
+        let over = |p: &[f64; 3]| plane.distance(p) > band && outline.contains(axes.flat(p), margin);
+        let kept: Vec<u32> = (0_u32..).zip(points).filter(|(_, p)| over(p)).map(|(i, _)| i).collect();
+        return Ok(Some(Ground {
+            plane: plane.coefficients(),
+            removed: points.len() - kept.len(),
+            kept,
+            reason: support.reason,
+        }));
     }
     Ok(None)
 }
+
+/// Points and the positions that they were seen from.
+struct Scene<'a> {
+    points: &'a [[f64; 3]],
+    sensors: &'a [Option<[f64; 3]>],
+}
+
+/// A plane that passed as a support.
+struct Support {
+    /// Toward what stands on it.
+    plane: HalfSpace,
+    axes: PlaneAxes,
+    outline: Outline,
+    reason: String,
+}
+
+/// Two directions that span a plane.
+struct PlaneAxes([Vector3<f64>; 2]);
+
+impl PlaneAxes {
+    fn new(normal: &Vector3<f64>) -> Self {
+        let u = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+        Self([u, normal.cross(&u)])
+    }
+
+    fn flat(&self, p: &[f64; 3]) -> Flat {
+        self.0.map(|axis| axis.dot(&Vector3::from(*p)))
+    }
+}
+
+impl Scene<'_> {
+    /// Judges a plane; `None` when it is no support.
+    fn support(
+        &self,
+        plane: HalfSpace,
+        band: f64,
+        params: &GroundParams,
+        mode: GroundMode,
+    ) -> Option<Support> {
+        let axes = PlaneAxes::new(&plane.normal);
+        let height = |i: usize| plane.distance(&self.points[i]).abs();
+        let on = self.connected((0..self.points.len()).filter(|&i| height(i) <= band).collect())?;
+        let flat =
+            |indices: &[usize]| indices.iter().map(|&i| axes.flat(&self.points[i])).collect::<Vec<_>>();
+        let outline = Outline::new(&flat(&on))?;
+        // The tails of the noise are on neither side; what is far below is another matter.
+        let radius = outline.radius();
+        let near: Vec<usize> = (0..self.points.len())
+            .filter(|&i| {
+                height(i) > 2.0 * band && outline.contains(axes.flat(&self.points[i]), NEAR * radius)
+            })
+            .collect();
+        let plane = self.toward_the_rest(plane, &on, &near)?;
+        let signed = |i: usize| plane.distance(&self.points[i]);
+        let over =
+            |i: &usize| signed(*i) > 0.0 && outline.contains(axes.flat(&self.points[*i]), MARGIN * radius);
+        let above: Vec<usize> = near.iter().copied().filter(over).collect();
+        let below = near.iter().filter(|&&i| (-NEAR * radius..0.0).contains(&signed(i))).count();
+        let beside = near.iter().filter(|&&i| signed(i) > 0.0).count() - above.len();
+        if (above.len() as f64) < MOSTLY * (above.len() + beside) as f64 {
+            return None;
+        }
+        let share = above.len() as f64 / (above.len() + below).max(1) as f64;
+        if above.len() < MIN_REST || share < params.one_sided {
+            return None;
+        }
+        // A wall has a room before it, but what is there does not touch it.
+        let mut heights: Vec<f64> = above.iter().map(|&i| signed(i)).collect();
+        let lowest = heights.len() / 100;
+        if *heights.select_nth_unstable_by(lowest, f64::total_cmp).1 > CONTACT * radius {
+            return None;
+        }
+        let seen = on.iter().any(|&i| self.sensors[i].is_some());
+        let things = flat(&above);
+        let reach = outline.reach_of(&things);
+        let hull = outline.hull_reach();
+        // Blades leave most of their hull empty, a table fills it but for shadows and what stands on it.
+        let free = (0..hull.len())
+            .filter(|&s| outline.reach[s] > params.reach * reach[s] && outline.reach[s] > 0.5 * hull[s])
+            .count() as f64
+            / hull.len() as f64;
+        if mode == GroundMode::Auto
+            && (free < params.free_directions || is_face(&outline, &things, seen, params))
+        {
+            return None;
+        }
+        let reason = format!(
+            "{:.1} % of what lies over it is on one side; it reaches beyond that in {:.0} % of the directions",
+            100.0 * share,
+            100.0 * free
+        );
+        Some(Support { plane, axes, outline, reason })
+    }
+
+    /// The largest connected piece of a sheet: a wall behind a table crosses the same plane.
+    fn connected(&self, sheet: Vec<usize>) -> Option<Vec<usize>> {
+        const GAP: f64 = 0.05;
+        let rows: Vec<[f64; 3]> = sheet.iter().map(|&i| self.points[i]).collect();
+        let settings = ClusterParams { distance: GAP * extent(&rows), keep_ratio: 0.1 };
+        Some(main_cluster(&rows, &settings).ok()?.kept.into_iter().map(|i| sheet[i as usize]).collect())
+    }
+
+    /// Turns the plane toward its sensors, where they are known: nobody sees a table from below, but the faces of a part
+    /// are seen from all sides. Otherwise toward most of the rest.
+    fn toward_the_rest(&self, plane: HalfSpace, on: &[usize], near: &[usize]) -> Option<HalfSpace> {
+        const NEARLY_ALL: f64 = 0.95;
+        let known: Vec<f64> =
+            on.iter().filter_map(|&i| self.sensors[i].map(|sensor| plane.distance(&sensor))).collect();
+        let share_above = |heights: &mut dyn Iterator<Item = f64>, all: usize| {
+            heights.filter(|&h| h > 0.0).count() as f64 / all.max(1) as f64
+        };
+        if known.is_empty() {
+            let above = share_above(&mut near.iter().map(|&i| plane.distance(&self.points[i])), near.len());
+            return Some(if above < 0.5 { plane.flipped() } else { plane });
+        }
+        let above = share_above(&mut known.iter().copied(), known.len());
+        if above >= NEARLY_ALL {
+            Some(plane)
+        } else if above <= 1.0 - NEARLY_ALL {
+            Some(plane.flipped())
+        } else {
+            None
+        }
+    }
+}
+
+/// Whether a sheet is a flange or a disc of the part: its outline then has a symmetry, and the rest stands in its middle.
+///
+/// A rectangle is more often what the picture shows of a table. Where nobody knows what was seen from where, the visible
+/// half of the rest may stand anywhere.
+fn is_face(outline: &Outline, things: &[Flat], seen: bool, params: &GroundParams) -> bool {
+    const CENTRED: f64 = 0.1;
+    const RECTANGLE: f64 = 0.93;
+    let off_center = distance(enclosing_middle(things), outline.middle) / outline.radius();
+    let centred = off_center < CENTRED || !seen;
+    centred && outline.asymmetry() < params.outline && outline.rectangularity() < RECTANGLE
+}
+
+/// Distance at which a rough plane is looked at again [share of the rough distance].
+const FINER: f64 = 0.25;
 
 /// The plane with the most points, and the half width of its band of noise.
 fn dominant_plane(points: &[[f64; 3]], params: &GroundParams, round: usize) -> Option<(HalfSpace, f64)> {
@@ -134,9 +276,15 @@ fn dominant_plane(points: &[[f64; 3]], params: &GroundParams, round: usize) -> O
         ..PlaneParams::default()
     };
     let [x, y, z, d] = segment_plane(points, &settings).ok()?.coefficients;
+    let plane = HalfSpace { normal: Vector3::new(x, y, z), d };
+    // A table and a thin part on it fit one rough plane; a finer one takes the larger of both.
+    let thick: Vec<[f64; 3]> =
+        points.iter().filter(|p| plane.distance(p).abs() <= 2.0 * rough).copied().collect();
+    let settings = PlaneParams { distance: FINER * rough, ..settings };
+    let [x, y, z, d] = segment_plane(&thick, &settings).ok()?.coefficients;
     let mut plane = HalfSpace { normal: Vector3::new(x, y, z), d };
     let mut band = rough;
-    for _ in 0..3 {
+    for _ in 0..5 {
         let mut residuals: Vec<f64> =
             points.iter().map(|p| plane.distance(p).abs()).filter(|&r| r <= 2.0 * band).collect();
         if residuals.is_empty() {
@@ -161,43 +309,4 @@ fn extent(points: &[[f64; 3]]) -> f64 {
         at(0.95) - at(0.05)
     };
     if points.is_empty() { 0.0 } else { (0..3).map(|axis| span(axis).powi(2)).sum::<f64>().sqrt() }
-}
-
-/// Number of angular sectors in which the points of the plane reach `reach` times as far as the rest.
-fn reaching_sectors(points: &[[f64; 3]], rest: &[u32], plane: &HalfSpace, band: f64, reach: f64) -> usize {
-    let n = plane.normal;
-    let helper = if n.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() };
-    let u = n.cross(&helper).normalize();
-    let v = n.cross(&u);
-    let project = |i: &u32| {
-        let p = Vector3::from(points[*i as usize]);
-        [u.dot(&p), v.dot(&p)]
-    };
-    let median = |mut values: Vec<f64>| {
-        let middle = values.len() / 2;
-        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
-    };
-    let flat: Vec<[f64; 2]> = rest.iter().map(project).collect();
-    let center = [median(flat.iter().map(|p| p[0]).collect()), median(flat.iter().map(|p| p[1]).collect())];
-    let mut radii: Vec<f64> = flat.iter().map(|p| (p[0] - center[0]).hypot(p[1] - center[1])).collect();
-    if radii.is_empty() {
-        return 0;
-    }
-    let high = (0.95 * (radii.len() - 1) as f64) as usize;
-    let footprint = *radii.select_nth_unstable_by(high, f64::total_cmp).1;
-    let mut beyond = [0_usize; SECTORS];
-    let mut reached = [0_f64; SECTORS];
-    for i in (0..points.len() as u32).filter(|&i| plane.distance(&points[i as usize]).abs() <= band) {
-        let p = project(&i);
-        let (x, y) = (p[0] - center[0], p[1] - center[1]);
-        let turn = y.atan2(x) / std::f64::consts::TAU + 0.5;
-        let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
-        reached[sector] = reached[sector].max(x.hypot(y));
-        beyond[sector] += usize::from(x.hypot(y) > reach * footprint);
-    }
-    reached.sort_by(f64::total_cmp);
-    if reached[SECTORS / 4] < EVEN_REACH * reached[SECTORS - 1] {
-        return 0;
-    }
-    beyond.iter().filter(|&&count| count >= 10).count()
 }

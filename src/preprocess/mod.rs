@@ -18,6 +18,7 @@ mod grid;
 mod ground;
 mod neighbors;
 mod normals;
+mod outline;
 mod plane;
 mod radius;
 mod statistical;

@@ -64,7 +64,8 @@ pub struct Plane {
 pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane> {
     check(points, params)?;
     let mut random = ChaCha8Rng::seed_from_u64(params.seed);
-    let sample = even_sample(points, &mut random);
+    let sample: Vec<[f64; 3]> =
+        even_indices(points.len(), SAMPLE, &mut random).into_iter().map(|i| points[i]).collect();
     let mut finalists = vec![Candidate { inliers: 0, plane: widest(points)? }];
     let mut iterations = 0;
     let mut wanted = params.max_iterations;
@@ -246,13 +247,18 @@ fn trials(share: f64, probability: f64) -> usize {
     }
 }
 
-/// One point at random from each of [`SAMPLE`] equal stretches, so that no stride can fall in step with scan lines.
-fn even_sample(points: &[[f64; 3]], random: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
-    if points.len() <= SAMPLE {
-        return points.to_vec();
+/// At most `wanted` of `len` indices, ascending: one at random from each of equal stretches, so that no stride can fall in
+/// step with scan lines.
+pub(crate) fn even_sample(len: usize, wanted: usize, seed: u64) -> Vec<usize> {
+    even_indices(len, wanted, &mut ChaCha8Rng::seed_from_u64(seed))
+}
+
+fn even_indices(len: usize, wanted: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
+    if len <= wanted {
+        return (0..len).collect();
     }
-    let bound = |i: usize| i * points.len() / SAMPLE;
-    (0..SAMPLE).map(|i| points[bound(i) + below(random, bound(i + 1) - bound(i))]).collect()
+    let bound = |i: usize| i * len / wanted;
+    (0..wanted).map(|i| bound(i) + below(random, bound(i + 1) - bound(i))).collect()
 }
 
 /// A random number below `n`, by multiplication; the bias of 2^-64 n is of no account.

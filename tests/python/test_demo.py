@@ -52,6 +52,7 @@ def test_the_files_agree(out: Path) -> None:
     assert completed.colors is not None
     assert len(np.unique(completed.colors, axis=0)) == 2
     # The raw scan holds more than the part: the table, the wall.
+    assert found.ground is not None
     assert len(found.inliers) < 0.8 * len(scan)
     assert found.inliers.max() < len(scan)
 
