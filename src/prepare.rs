@@ -7,8 +7,8 @@ use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite, OutlierParams};
 use crate::error::{Error, Result};
 use crate::preprocess::{
-    ClusterParams, Ground, GroundParams, KNeighbors, VoxelGrid, find_ground, main_cluster, median_spacing,
-    normals_from_neighbors, orient_normals, statistical_inliers, voxel_downsample,
+    ClusterParams, Ground, GroundParams, KNeighbors, Sides, find_ground, main_cluster, median_spacing,
+    normals_from_neighbors, separate_sides, statistical_inliers, voxel_downsample,
 };
 use crate::spatial::KdTree;
 use crate::stages::Stages;
@@ -89,36 +89,54 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     enough("outliers", kept.len())?;
 
     stages.begin("normals")?;
-    let mut normals = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?.normals;
+    let counts = grid.points.len();
+    let normals = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?.normals;
+    let mut sides = match &part.viewpoints {
+        Some(viewpoints) => separate_sides(&part.points, viewpoints, &grid, &normals, &neighbors),
+        None => Sides {
+            voxel_of: (0..grid.points.len() as u32).collect(),
+            points: grid.points,
+            normals,
+            patch_of_point: grid.inverse,
+            ..Sides::default()
+        },
+    };
+    stages.number("voxels_seen_from_both_sides", sides.divided as f64);
     if let Some(given) = &part.normals {
-        replace_by_given(&mut normals, given, &grid);
-    }
-    let viewpoints = part.viewpoints.as_ref().map(|rows| grid.mean_of(rows));
-    if let Some(viewpoints) = &viewpoints {
-        orient_normals(&mut normals, &grid.points, |i| Some(viewpoints[i]));
+        replace_by_given(&mut sides.normals, given, &sides.patch_of_point);
     }
 
-    let mut surface_of_cell = vec![u32::MAX; grid.points.len()];
-    for (surface, &cell) in (0u32..).zip(&kept) {
-        surface_of_cell[cell as usize] = surface;
+    let mut is_kept = vec![false; counts];
+    kept.iter().for_each(|&voxel| is_kept[voxel as usize] = true);
+    let chosen: Vec<u32> = (0_u32..)
+        .zip(&sides.voxel_of)
+        .filter(|(_, voxel)| is_kept[**voxel as usize])
+        .map(|(patch, _)| patch)
+        .collect();
+    let mut surface_of_patch = vec![u32::MAX; sides.points.len()];
+    for (surface, &patch) in (0_u32..).zip(&chosen) {
+        surface_of_patch[patch as usize] = surface;
     }
     let (inliers, point_of_inlier) = part
         .input_index
         .iter()
-        .zip(&grid.inverse)
-        .filter(|(_, cell)| surface_of_cell[**cell as usize] != u32::MAX)
-        .map(|(input, cell)| (*input, surface_of_cell[*cell as usize]))
+        .zip(&sides.patch_of_point)
+        .filter(|(_, patch)| surface_of_patch[**patch as usize] != u32::MAX)
+        .map(|(input, patch)| (*input, surface_of_patch[*patch as usize]))
         .unzip();
-    let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
-    let samples = Samples { points: pick(&grid.points), normals: pick(&normals) };
-    let toward_sensors = viewpoints.map(|rows| {
-        let directions =
-            pick(&rows).into_iter().zip(&samples.points).filter_map(|(v, p)| (v - p).try_normalize(0.0));
+    let pick =
+        |rows: &[[f64; 3]]| chosen.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
+    let samples = Samples { points: pick(&sides.points), normals: pick(&sides.normals) };
+    let toward_sensors = part.viewpoints.as_ref().map(|_| {
+        let directions = pick(&sides.viewpoints)
+            .into_iter()
+            .zip(&samples.points)
+            .filter_map(|(v, p)| (v - p).try_normalize(0.0));
         directions.sum::<Vector3<f64>>() / samples.points.len() as f64
     });
     Ok(Prepared {
         world_from_local: part.world_from_local,
-        surface: Surface::new(samples, toward_sensors.is_some(), voxel_size)?,
+        surface: Surface::new(samples, toward_sensors.is_some(), voxel_size, config.propose.gate * diameter),
         diameter,
         voxel_size,
         inliers,
@@ -321,17 +339,19 @@ fn clean(
     Ok(clusters.kept.into_iter().map(|i| kept[i as usize]).collect())
 }
 
-/// Normals given by the caller win over estimated ones where there are any; those of a voxel are made to agree first.
-fn replace_by_given(normals: &mut [[f64; 3]], given: &[[f64; 3]], grid: &VoxelGrid) {
+/// Normals given by the caller win over estimated ones where there are any; those of a patch are made to agree first.
+fn replace_by_given(normals: &mut [[f64; 3]], given: &[[f64; 3]], patch_of_point: &[u32]) {
     let mut sums = vec![Vector3::zeros(); normals.len()];
-    for (row, &cell) in given.iter().zip(&grid.inverse) {
+    for (row, &patch) in given.iter().zip(patch_of_point) {
         let n = Vector3::from(*row);
-        let sum: &mut Vector3<f64> = &mut sums[cell as usize];
+        let sum: &mut Vector3<f64> = &mut sums[patch as usize];
         *sum += if sum.dot(&n) < 0.0 { -n } else { n };
     }
     for (normal, sum) in normals.iter_mut().zip(sums) {
         if let Some(unit) = sum.try_normalize(1e-9) {
-            *normal = unit.into();
+            // Where the sensors are known, the estimated normal points toward them.
+            let agrees = unit.dot(&Vector3::from(*normal)) >= 0.0;
+            *normal = if agrees { unit } else { -unit }.into();
         }
     }
 }

@@ -21,6 +21,7 @@ mod normals;
 mod outline;
 mod plane;
 mod radius;
+mod sides;
 mod statistical;
 mod voxel;
 
@@ -34,6 +35,7 @@ pub use neighbors::{KNeighbors, median_spacing};
 pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbors, orient_normals};
 pub use plane::{Plane, PlaneParams, segment_plane};
 pub use radius::{RadiusParams, remove_radius_outliers};
+pub use sides::{Sides, separate_sides};
 pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};
 pub use voxel::{VoxelGrid, voxel_downsample};
 

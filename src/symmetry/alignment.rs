@@ -1,6 +1,6 @@
 //! The self-alignment problem: rotated points against the measured surface, for fixed correspondences.
 
-use nalgebra::{Matrix3, Matrix4x3, Vector3, Vector4};
+use nalgebra::{Const, DimMin, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use rayon::prelude::*;
 
 use crate::config::Residual;
@@ -102,13 +102,12 @@ struct Leverage {
     weight: f64,
 }
 
-/// Normal equations of one point: axis block, point block, and the coupling between them.
-#[derive(Default)]
-struct Block {
+/// Normal equations of one point that may move in `D` directions: axis block, point block, and their coupling.
+struct Block<const D: usize> {
     axis: NormalEquations,
-    coupling: Matrix4x3<f64>,
-    point_hessian: Matrix3<f64>,
-    point_gradient: Vector3<f64>,
+    coupling: SMatrix<f64, 4, D>,
+    point_hessian: SMatrix<f64, D, D>,
+    point_gradient: SVector<f64, D>,
 }
 
 impl SelfAlignment<'_> {
@@ -127,17 +126,24 @@ impl SelfAlignment<'_> {
         unknowns.offsets.get(i).copied().unwrap_or_default()
     }
 
-    fn block(&self, unknowns: &Unknowns, leverages: &[Leverage], i: usize) -> Block {
-        let mut block = Block::default();
+    /// The normal equations of point `i`, which moves along the columns of `directions`.
+    #[inline]
+    fn block<const D: usize>(
+        &self,
+        unknowns: &Unknowns,
+        leverages: &[Leverage],
+        i: usize,
+        directions: &SMatrix<f64, 3, D>,
+    ) -> Block<D> {
         let offset = self.offset(unknowns, i);
         let point = self.samples.points[i] + offset;
         let arm = point - unknowns.axis.point;
-        let joint = !unknowns.offsets.is_empty();
-        if joint {
-            block.axis.cost = 0.5 * self.anchor * offset.norm_squared();
-            block.point_hessian = Matrix3::identity() * self.anchor;
-            block.point_gradient = offset * self.anchor;
-        }
+        let mut block = Block {
+            axis: NormalEquations { cost: 0.5 * self.anchor * offset.norm_squared(), ..Default::default() },
+            coupling: SMatrix::zeros(),
+            point_hessian: SMatrix::identity() * self.anchor,
+            point_gradient: directions.tr_mul(&offset) * self.anchor,
+        };
         for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
             let Some(j) = matched else { continue };
             let rotation = &leverage.turn.rotation;
@@ -161,8 +167,8 @@ impl SelfAlignment<'_> {
                 let r = m.dot(&difference);
                 block.axis.hessian += jacobian * jacobian.transpose() * weight;
                 block.axis.gradient += jacobian * (weight * r);
-                if joint {
-                    let s = rotation.tr_mul(m);
+                if D > 0 {
+                    let s = directions.tr_mul(&rotation.tr_mul(m));
                     block.point_hessian += s * s.transpose() * weight;
                     block.point_gradient += s * (weight * r);
                     block.coupling += jacobian * s.transpose() * weight;
@@ -173,21 +179,27 @@ impl SelfAlignment<'_> {
     }
 }
 
-impl RobustProblem for SelfAlignment<'_> {
-    type Param = Unknowns;
-
-    fn linearize(&self, unknowns: &Unknowns) -> Result<NormalEquations> {
+impl SelfAlignment<'_> {
+    /// Sums the normal equations; each point is eliminated where it is met (Schur complement).
+    fn reduced<const D: usize>(
+        &self,
+        unknowns: &Unknowns,
+        directions: impl Fn(usize) -> SMatrix<f64, 3, D> + Sync,
+    ) -> NormalEquations
+    where
+        Const<D>: DimMin<Const<D>, Output = Const<D>>,
+    {
         let leverages = self.leverages(&unknowns.axis);
-        let joint = !unknowns.offsets.is_empty();
         let indices: Vec<usize> = (0..self.samples.points.len()).step_by(CHUNK).collect();
         let parts: Vec<NormalEquations> = indices
             .par_iter()
             .map(|&start| {
                 let mut sum = NormalEquations::default();
                 for i in start..(start + CHUNK).min(self.samples.points.len()) {
-                    let mut block = self.block(unknowns, &leverages, i);
-                    if joint && let Some(inverse) = block.point_hessian.try_inverse() {
-                        // Schur complement: the point is eliminated here and recovered in `step`.
+                    let mut block = self.block(unknowns, &leverages, i, &directions(i));
+                    if D > 0
+                        && let Some(inverse) = block.point_hessian.try_inverse()
+                    {
                         let gain = block.coupling * inverse;
                         block.axis.hessian -= gain * block.coupling.transpose();
                         block.axis.gradient -= gain * block.point_gradient;
@@ -197,10 +209,56 @@ impl RobustProblem for SelfAlignment<'_> {
                 sum
             })
             .collect();
-        Ok(parts.iter().fold(NormalEquations::default(), |mut sum, part| {
+        parts.iter().fold(NormalEquations::default(), |mut sum, part| {
             sum.add(part);
             sum
-        }))
+        })
+    }
+
+    /// Moves the points to where they are best once the axis has moved by `step`.
+    fn follow<const D: usize>(
+        &self,
+        unknowns: &Unknowns,
+        step: &Vector4<f64>,
+        directions: impl Fn(usize) -> SMatrix<f64, 3, D> + Sync,
+    ) -> Vec<Vector3<f64>>
+    where
+        Const<D>: DimMin<Const<D>, Output = Const<D>>,
+    {
+        let leverages = self.leverages(&unknowns.axis);
+        let mut offsets = unknowns.offsets.clone();
+        offsets.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, offsets)| {
+            for (local, offset) in offsets.iter_mut().enumerate() {
+                let i = chunk * CHUNK + local;
+                let directions = directions(i);
+                let block = self.block(unknowns, &leverages, i, &directions);
+                if let Some(inverse) = block.point_hessian.try_inverse() {
+                    *offset -= directions * (inverse * (block.point_gradient + block.coupling.tr_mul(step)));
+                }
+                let length = offset.norm();
+                if length > self.max_offset {
+                    *offset *= self.max_offset / length;
+                }
+            }
+        });
+        offsets
+    }
+
+    /// The normal of a point, along which it moves where distances are measured to planes.
+    fn normal(&self, i: usize) -> SMatrix<f64, 3, 1> {
+        self.samples.normals[i]
+    }
+}
+
+impl RobustProblem for SelfAlignment<'_> {
+    type Param = Unknowns;
+
+    fn linearize(&self, unknowns: &Unknowns) -> Result<NormalEquations> {
+        Ok(match self.residual {
+            _ if unknowns.offsets.is_empty() => self.reduced(unknowns, |_| SMatrix::<f64, 3, 0>::zeros()),
+            Residual::PointToPlane => self.reduced(unknowns, |i| self.normal(i)),
+            _ => self.reduced(unknowns, |_| Matrix3::identity()),
+        })
     }
 
     fn cost(&self, unknowns: &Unknowns) -> Result<f64> {
@@ -229,26 +287,16 @@ impl RobustProblem for SelfAlignment<'_> {
     }
 
     fn step(&self, unknowns: &Unknowns, step: &Vector4<f64>) -> Unknowns {
-        let axis = unknowns.axis.retract(step);
-        let leverages = self.leverages(&unknowns.axis);
-        let mut offsets = unknowns.offsets.clone();
-        offsets.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, offsets)| {
-            for (local, offset) in offsets.iter_mut().enumerate() {
-                let block = self.block(unknowns, &leverages, chunk * CHUNK + local);
-                if let Some(inverse) = block.point_hessian.try_inverse() {
-                    *offset -= inverse * (block.point_gradient + block.coupling.tr_mul(step));
-                }
-                let length = offset.norm();
-                if length > self.max_offset {
-                    *offset *= self.max_offset / length;
-                }
-            }
-        });
-        Unknowns { axis, offsets }
+        let offsets = match self.residual {
+            _ if unknowns.offsets.is_empty() => Vec::new(),
+            Residual::PointToPlane => self.follow(unknowns, step, |i| self.normal(i)),
+            _ => self.follow(unknowns, step, |_| Matrix3::identity()),
+        };
+        Unknowns { axis: unknowns.axis.retract(step), offsets }
     }
 }
 
-/// Absolute residuals of all matches at `axis`, in the order of the points.
+/// Residuals of the matches of some of the points at `axis`, enough to know how they scatter.
 #[must_use]
 pub fn residuals(
     surface: &Surface,
@@ -258,22 +306,17 @@ pub fn residuals(
     correspondences: &Correspondences,
     residual: Residual,
 ) -> Vec<f64> {
+    /// A median of this many is known to a percent or two.
+    const ENOUGH: usize = 8192;
     let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
-    let parts: Vec<Vec<f64>> = (0..samples.points.len())
-        .collect::<Vec<_>>()
-        .par_chunks(CHUNK)
-        .map(|chunk| {
-            let mut found = Vec::new();
-            for &i in chunk {
-                for (turn, matched) in moves.iter().zip(correspondences.of(i)) {
-                    let Some(j) = matched else { continue };
-                    let rows =
-                        residual.rows(&(turn.rotation * samples.normals[i]), &surface.samples.normals[j]);
-                    found.push(rows.residual(&(turn.apply(&samples.points[i]) - surface.samples.points[j])));
-                }
-            }
-            found
-        })
-        .collect();
-    parts.concat()
+    let step = (samples.points.len() * moves.len()).div_ceil(ENOUGH).max(1);
+    let mut found = Vec::with_capacity(ENOUGH);
+    for i in (0..samples.points.len()).step_by(step) {
+        for (turn, matched) in moves.iter().zip(correspondences.of(i)) {
+            let Some(j) = matched else { continue };
+            let rows = residual.rows(&(turn.rotation * samples.normals[i]), &surface.samples.normals[j]);
+            found.push(rows.residual(&(turn.apply(&samples.points[i]) - surface.samples.points[j])));
+        }
+    }
+    found
 }

@@ -5,6 +5,7 @@ pub mod axis;
 pub mod complete;
 pub mod covariance;
 pub mod detect;
+mod field;
 pub mod order;
 pub mod orient;
 pub mod propose;

@@ -10,7 +10,7 @@ use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, resid
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::robust::{Huber, robust_sigma};
-use crate::symmetry::solver::{RobustProblem, minimize};
+use crate::symmetry::solver::{Minimum, RobustProblem, minimize};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// How an axis is refined.
@@ -31,6 +31,8 @@ pub struct RefineParams {
     pub max_rounds: usize,
     /// Rounds of matching on all points, at most.
     pub max_full_rounds: usize,
+    /// Steps of the joint optimisation, at most.
+    pub max_joint_steps: u64,
     /// Motion of the axis below which a round counts as converged [point spacings at the rim].
     pub tolerance: f64,
     /// Weight of a point's own measurement against one match in the joint optimisation.
@@ -46,7 +48,8 @@ impl Default for RefineParams {
             max_normal_angle: 0.6,
             huber_width: 1.345,
             max_rounds: 30,
-            max_full_rounds: 2,
+            max_full_rounds: 3,
+            max_joint_steps: 2,
             tolerance: 1e-3,
             anchor: 1.0,
         }
@@ -144,7 +147,7 @@ pub fn align(
                 max_offset: 0.0,
             };
             let solved = minimize(problem, Unknowns { axis, offsets: Vec::new() }, 1)?;
-            let moved = solved.axis.recentered(&centroid);
+            let moved = solved.param.axis.recentered(&centroid);
             let step = motion(&axis, &moved, radius);
             axis = moved;
             refined.rounds += 1;
@@ -179,13 +182,13 @@ pub fn refine_jointly(
     let turns = Turns::all(order, params.max_joint_turns);
     let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
     let offsets = if joint { vec![Vector3::zeros(); surface.len()] } else { Vec::new() };
-    let mut unknowns = Unknowns { axis: aligned.axis, offsets };
+    let unknowns = Unknowns { axis: aligned.axis, offsets };
     control.check()?;
     let samples = &surface.samples;
     let correspondences = Correspondences::find(surface, samples, &unknowns.axis, &turns, gate);
     let mut found = residuals(surface, samples, &unknowns.axis, &turns, &correspondences, residual);
     let sigma = robust_sigma(&mut found).max(1e-9 * radius);
-    let problem = || SelfAlignment {
+    let problem = SelfAlignment {
         surface,
         samples,
         turns: &turns,
@@ -195,19 +198,21 @@ pub fn refine_jointly(
         anchor: params.anchor,
         max_offset: surface.spacing,
     };
-    let before = problem().cost(&unknowns)?;
-    if joint {
-        unknowns = minimize(problem(), unknowns, 4)?;
-    }
-    let linear = problem().linearize(&unknowns)?;
     let matches = correspondences.count().max(1) as f64;
+    let (unknowns, costs, information) = if joint {
+        let Minimum { param, costs, hessian } = minimize(problem, unknowns, params.max_joint_steps)?;
+        (param, costs, hessian)
+    } else {
+        let linear = problem.linearize(&unknowns)?;
+        (unknowns, [linear.cost; 2], linear.hessian)
+    };
     Ok(Refined {
         axis: unknowns.axis.recentered(&centroid),
         offsets: unknowns.offsets,
         sigma,
         share: correspondences.share(),
-        information: linear.hessian,
-        costs: vec![before / matches, linear.cost / matches],
+        information,
+        costs: costs.map(|cost| cost / matches).to_vec(),
         ..aligned.clone()
     })
 }

@@ -14,6 +14,7 @@ pub struct Huber {
 impl Huber {
     /// rho(r).
     #[must_use]
+    #[inline]
     pub fn cost(&self, residual: f64) -> f64 {
         let r = residual.abs();
         if r <= self.width { 0.5 * r * r } else { self.width * (r - 0.5 * self.width) }
@@ -21,6 +22,7 @@ impl Huber {
 
     /// Weight of a residual in iteratively reweighted least squares.
     #[must_use]
+    #[inline]
     pub fn weight(&self, residual: f64) -> f64 {
         let r = residual.abs();
         if r <= self.width { 1.0 } else { self.width / r }

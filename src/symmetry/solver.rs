@@ -60,11 +60,20 @@ pub struct DampedGaussNewton {
     /// Relative fall of the cost below which the solution is accepted.
     tolerance: f64,
     converged: bool,
+    /// Where the solver came from: the first cost, and the last normal equations.
+    start_cost: Option<f64>,
+    last: NormalEquations,
 }
 
 impl Default for DampedGaussNewton {
     fn default() -> Self {
-        Self { damping: 1e-6, tolerance: 1e-6, converged: false }
+        Self {
+            damping: 1e-6,
+            tolerance: 1e-6,
+            converged: false,
+            start_cost: None,
+            last: NormalEquations::default(),
+        }
     }
 }
 
@@ -85,6 +94,8 @@ impl<O: RobustProblem> Solver<O, IterState<O::Param, (), (), (), (), f64>> for D
     {
         let param = state.take_param().ok_or_else(|| argmin::core::Error::msg("no initial axis"))?;
         let linear = problem.problem("linearize_count", |p| Ok(p.linearize(&param)?))?;
+        self.start_cost.get_or_insert(linear.cost);
+        self.last = linear;
         while self.damping <= Self::MAX_DAMPING {
             let mut damped = linear.hessian;
             for i in 0..4 {
@@ -117,11 +128,26 @@ impl<O: RobustProblem> Solver<O, IterState<O::Param, (), (), (), (), f64>> for D
     }
 }
 
+/// Where the solver stopped.
+#[derive(Debug, Clone)]
+pub struct Minimum<P> {
+    /// The unknowns.
+    pub param: P,
+    /// Robust cost at the start and at the end.
+    pub costs: [f64; 2],
+    /// J' W J where the last step began, which is the solution but for that step.
+    pub hessian: Matrix4<f64>,
+}
+
 /// Minimises `problem` from `start` in at most `max_iterations` accepted steps.
 ///
 /// # Errors
 /// Those of the problem.
-pub fn minimize<O: RobustProblem>(problem: O, start: O::Param, max_iterations: u64) -> Result<O::Param> {
+pub fn minimize<O: RobustProblem>(
+    problem: O,
+    start: O::Param,
+    max_iterations: u64,
+) -> Result<Minimum<O::Param>> {
     let solved = Executor::new(problem, DampedGaussNewton::default())
         .configure(|state| state.param(start).max_iters(max_iterations))
         .run()
@@ -132,6 +158,8 @@ pub fn minimize<O: RobustProblem>(problem: O, start: O::Param, max_iterations: u
                 expected: "a problem that the solver can linearise",
             })
         })?;
-    let mut state = solved.state;
-    state.take_param().or_else(|| state.take_best_param()).ok_or(Error::Cancelled)
+    let (mut state, solver) = (solved.state, solved.solver);
+    let cost = state.get_cost();
+    let param = state.take_param().or_else(|| state.take_best_param()).ok_or(Error::Cancelled)?;
+    Ok(Minimum { param, costs: [solver.start_cost.unwrap_or(cost), cost], hessian: solver.last.hessian })
 }

@@ -3,8 +3,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::error::Result;
-use crate::spatial::KdTree;
+use crate::symmetry::field::NearestField;
 
 /// Points with unit normals.
 #[derive(Debug, Clone, Default)]
@@ -28,7 +27,16 @@ impl Samples {
     }
 }
 
-/// The measured surface; the tree is built once and queries are rotated into it.
+/// Points and normals side by side in single precision: what a lookup touches fits in half a cache line.
+#[derive(Debug, Clone, Copy)]
+struct Packed {
+    point: [f32; 3],
+    normal: [f32; 3],
+    // A power of two.
+    _padding: [f32; 2],
+}
+
+/// The measured surface; its tables of nearest points are made once and queries are rotated into it.
 #[derive(Debug)]
 pub struct Surface {
     /// The measured points, in spatial order.
@@ -37,18 +45,36 @@ pub struct Surface {
     pub oriented: bool,
     /// Typical distance between neighbouring points \[length\].
     pub spacing: f64,
-    tree: KdTree,
+    packed: Vec<Packed>,
+    /// Tables from fine to coarse, each with the largest gate that it serves \[length\].
+    fields: [(f64, NearestField); 3],
 }
 
 impl Surface {
-    /// Indexes the points.
+    /// Indexes the points; there must be at least one, and all must be finite.
     ///
-    /// # Errors
-    /// Those of [`KdTree::new`].
-    pub fn new(samples: Samples, oriented: bool, spacing: f64) -> Result<Self> {
-        let rows: Vec<[f64; 3]> = samples.points.iter().map(|p| (*p).into()).collect();
-        let tree = KdTree::new(&rows)?;
-        Ok(Self { samples, oriented, spacing, tree })
+    /// `spacing` is the edge of the voxels that they come from, `widest_gate` the largest distance at which a match will
+    /// be asked for \[length\].
+    #[must_use]
+    pub fn new(samples: Samples, oriented: bool, spacing: f64, widest_gate: f64) -> Self {
+        let gates = [3.0 * spacing, 12.0 * spacing, widest_gate.max(12.0 * spacing)];
+        // Each table is about as coarse as its gate is wide: what is far need not be known to a hair.
+        let table = |gate: f64, cell: f64| (gate, NearestField::new(&samples.points, cell, gate));
+        let (fine, (middle, coarse)) = rayon::join(
+            || table(gates[0], spacing),
+            || (table(gates[1], 3.0 * spacing), table(gates[2], 0.25 * gates[2])),
+        );
+        let packed = samples
+            .points
+            .iter()
+            .zip(&samples.normals)
+            .map(|(p, n)| Packed {
+                point: p.map(|x| x as f32).into(),
+                normal: n.map(|x| x as f32).into(),
+                _padding: [0.0; 2],
+            })
+            .collect();
+        Self { samples, oriented, spacing, packed, fields: [fine, middle, coarse] }
     }
 
     /// Number of points.
@@ -70,20 +96,38 @@ impl Surface {
         sums.iter().sum::<Vector3<f64>>() / self.len() as f64
     }
 
-    /// The nearest measured point within `gate` whose normal agrees with `normal` to within an angle of the given
-    /// cosine; `None` where there is none.
+    /// The nearest measured point within the gate whose normal agrees with `normal`; `None` where there is none.
+    ///
+    /// Of points at nearly the same distance another one than the nearest may be found.
     #[must_use]
+    #[inline]
     pub fn matching(&self, point: &Vector3<f64>, normal: &Vector3<f64>, gate: Gate) -> Option<u32> {
-        let found = self.tree.nearest_within(&(*point).into(), gate.distance)?;
-        let cosine = self.samples.normals[found.index as usize].dot(normal);
+        let [fine, middle, coarse] = &self.fields;
+        let (_, field) =
+            [fine, middle].into_iter().find(|(reach, _)| gate.distance <= *reach).unwrap_or(coarse);
+        let query: [f32; 3] = point.map(|x| x as f32).into();
+        let normal: [f32; 3] = normal.map(|x| x as f32).into();
+        let mut best = ((gate.distance * gate.distance) as f32, None);
+        let mut last = u32::MAX;
+        for candidate in field.around(point)? {
+            // Neighbouring cells mostly know the same point; the largest index stands for none.
+            if candidate == last || candidate == u32::MAX {
+                continue;
+            }
+            last = candidate;
+            let known = &self.packed[candidate as usize];
+            let distance_sq = (0..3).map(|i| (known.point[i] - query[i]).powi(2)).sum::<f32>();
+            if distance_sq < best.0 {
+                best = (distance_sq, Some(candidate));
+            }
+        }
+        let found = &self.packed[best.1? as usize];
+        let cosine = (0..3).map(|i| found.normal[i] * normal[i]).sum::<f32>();
         let agreement = if self.oriented { cosine } else { cosine.abs() };
-        (agreement >= gate.cosine).then_some(found.index)
-    }
-
-    /// The tree over the points.
-    #[must_use]
-    pub fn tree(&self) -> &KdTree {
-        &self.tree
+        if agreement < gate.cosine as f32 {
+            return None;
+        }
+        best.1
     }
 }
 
