@@ -126,6 +126,7 @@ impl Estimator {
         let heading = find_heading(&completion, &refined, &axis, order, config.yaw);
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.number("coverage", completion.coverage);
+        stages.series("outcomes", &score.counts());
         stages.number("sigma", found.sigma);
         stages.number("rounds", found.rounds as f64);
         stages.series("joint_cost", &found.costs);

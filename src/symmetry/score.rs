@@ -38,7 +38,7 @@ pub struct MatchScore {
 const CONTRADICTED: f64 = 2.0;
 
 /// Weight of a point that should have been seen: a return may be missing for other reasons.
-pub(crate) const MISSING: f64 = 0.5;
+pub(crate) const MISSING: f64 = 1.0;
 
 /// Weight of a point of which nothing is known; it keeps an axis that turns the whole part out of sight from scoring
 /// well.
@@ -64,6 +64,12 @@ impl MatchScore {
     #[must_use]
     pub fn overlap(&self) -> f64 {
         share(self.matched as f64, (self.contradicted + self.missing + self.hidden) as f64)
+    }
+
+    /// Matched, contradicted, missing and hidden points.
+    #[must_use]
+    pub fn counts(&self) -> [f64; 4] {
+        [self.matched, self.contradicted, self.missing, self.hidden].map(|n| n as f64)
     }
 
     fn count(mut self, outcome: Outcome) -> Self {
@@ -97,7 +103,7 @@ pub fn outcome(
     if surface.matching(&point, &normal, gate).is_some() {
         return Outcome::Matched;
     }
-    match visibility.map_or(Seen::Free, |v| v.seen(&point, &normal, gate.distance)) {
+    match visibility.map_or(Seen::Free, |v| v.seen(&point, gate.distance)) {
         Seen::Free => Outcome::Contradicted,
         Seen::Missing => Outcome::Missing,
         Seen::Hidden => Outcome::Hidden,

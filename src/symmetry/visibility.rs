@@ -67,13 +67,13 @@ impl Visibility {
         (!views.is_empty()).then_some(Self { views })
     }
 
-    /// What the cameras say about a surface at `point` with outward `normal`; a measurement within `margin` \[length\]
+    /// What the cameras say about a surface at `point`; a measurement within `margin` \[length\]
     /// in front of it counts as hiding it.
     #[must_use]
-    pub fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
+    pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
         let mut strongest = Seen::Hidden;
         for view in &self.views {
-            strongest = strongest.max(view.seen(point, normal, margin));
+            strongest = strongest.max(view.seen(point, margin));
             if strongest == Seen::Free {
                 break;
             }
@@ -136,9 +136,7 @@ impl DepthMap {
         Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
     }
 
-    fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
-        /// A surface seen more obliquely than this cosine may give no return.
-        const FACING: f64 = 0.3;
+    fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
         let ray = point - self.center;
         let local = self.camera_from_world * ray;
         if local.z <= 0.0 {
@@ -162,7 +160,7 @@ impl DepthMap {
         let center = self.nearest[row * self.size[0] + column];
         if center.is_finite() && f64::from(nearest) > range + margin {
             Seen::Free
-        } else if nearest.is_infinite() && -normal.dot(&ray) > FACING * range {
+        } else if nearest.is_infinite() {
             Seen::Missing
         } else {
             Seen::Hidden
