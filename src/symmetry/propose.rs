@@ -45,8 +45,8 @@ impl Default for ProposeParams {
             directions: 60,
             samples: [200, 400, 1000],
             kept: [24, 10, 8],
-            max_turns: 3,
-            gate: 0.12,
+            max_turns: 5,
+            gate: 0.06,
             distinct_angle: 0.1,
             distinct_offset: 0.05,
             max_hint_angle: 30f64.to_radians(),
@@ -176,7 +176,7 @@ fn trial(
     starts: &[Axis],
     control: &Control,
 ) -> Result<Vec<Proposal>> {
-    let refine = RefineParams { max_rounds: 2, max_normal_angle: 0.8, ..RefineParams::default() };
+    let refine = RefineParams { max_rounds: 4, max_normal_angle: 0.8, ..RefineParams::default() };
     let gate = Gate { distance: gates[1], cosine: refine.max_normal_angle.cos() };
     starts
         .par_iter()
