@@ -128,6 +128,7 @@ impl Estimator {
         stages.number("coverage", completion.coverage);
         stages.series("outcomes", &score.counts());
         stages.number("sigma", found.sigma);
+        stages.number("gain", found.gain);
         stages.number("rounds", found.rounds as f64);
         stages.series("joint_cost", &found.costs);
         stages.number("yaw_angle", heading.angle);
@@ -141,8 +142,8 @@ impl Estimator {
         let world_from_object = prepared.world_from_local * local_from_object;
         let along = AlongAxis { slide: slide_sigma(&completion.cells), yaw: heading.sigma };
         let (covariance, unobservable) = pose_covariance(
-            &found.information,
-            found.sigma,
+            &found.sandwich,
+            found.gain,
             0.5 * prepared.diameter,
             heading.angle,
             height,
@@ -253,8 +254,9 @@ impl Estimator {
         let near =
             align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
-        let aligned =
+        let mut aligned =
             align(surface, &surface.samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
+        aligned.gain = aligned.gain.min(near.gain);
         refine_jointly(surface, &aligned, order, *residual, self.config.joint, params, control)
     }
 
@@ -355,7 +357,7 @@ fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error
             reason: "about the best axis no rotation maps the part to itself".to_owned(),
         },
         None => Evidence {
-            center: world(prepared.surface.centroid()),
+            center: world(prepared.surface.centroid),
             reason: "no direction within reach could be aligned".to_owned(),
             ..Evidence::default()
         },

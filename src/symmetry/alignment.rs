@@ -1,6 +1,6 @@
 //! The self-alignment problem: rotated points against the measured surface, for fixed correspondences.
 
-use nalgebra::{Const, DimMin, Matrix3, SMatrix, SVector, Vector3, Vector4};
+use nalgebra::{Const, DimMin, Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 use rayon::prelude::*;
 
 use crate::config::Residual;
@@ -102,6 +102,28 @@ struct Leverage {
     weight: f64,
 }
 
+/// One row of one match.
+struct Term {
+    /// Derivative of the residual by the position of the point.
+    row: Vector3<f64>,
+    /// Derivative of the residual by tilt and shift of the axis.
+    jacobian: Vector4<f64>,
+    residual: f64,
+    /// Robust weight, times that of the rotation.
+    weight: f64,
+    /// Robust cost of the whole match, given with its first row.
+    cost: f64,
+}
+
+/// What the uncertainty of the axis is made of.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sandwich {
+    /// J'WJ.
+    pub hessian: Matrix4<f64>,
+    /// Sum over patches of the outer product of J'Wr.
+    pub scatter: Matrix4<f64>,
+}
+
 /// Normal equations of one point that may move in `D` directions: axis block, point block, and their coupling.
 struct Block<const D: usize> {
     axis: NormalEquations,
@@ -136,46 +158,57 @@ impl SelfAlignment<'_> {
         directions: &SMatrix<f64, 3, D>,
     ) -> Block<D> {
         let offset = self.offset(unknowns, i);
-        let point = self.samples.points[i] + offset;
-        let arm = point - unknowns.axis.point;
         let mut block = Block {
             axis: NormalEquations { cost: 0.5 * self.anchor * offset.norm_squared(), ..Default::default() },
             coupling: SMatrix::zeros(),
             point_hessian: SMatrix::identity() * self.anchor,
             point_gradient: directions.tr_mul(&offset) * self.anchor,
         };
+        self.visit(unknowns, leverages, i, |term, _| {
+            let &Term { row, jacobian, residual, weight, cost } = term;
+            block.axis.hessian += jacobian * jacobian.transpose() * weight;
+            block.axis.gradient += jacobian * (weight * residual);
+            if D > 0 {
+                let s = directions.tr_mul(&row);
+                block.point_hessian += s * s.transpose() * weight;
+                block.point_gradient += s * (weight * residual);
+                block.coupling += jacobian * s.transpose() * weight;
+            }
+            block.axis.cost += cost;
+        });
+        block
+    }
+
+    /// Calls `f` with each row of each match of point `i`, and the point that it was matched to.
+    #[inline]
+    fn visit(&self, unknowns: &Unknowns, leverages: &[Leverage], i: usize, mut f: impl FnMut(&Term, usize)) {
+        let point = self.samples.points[i] + self.offset(unknowns, i);
+        let arm = point - unknowns.axis.point;
         for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
             let Some(j) = matched else { continue };
             let rotation = &leverage.turn.rotation;
             let difference = leverage.turn.apply(&point) - self.surface.samples.points[j];
             let rows =
                 self.residual.rows(&(rotation * self.samples.normals[i]), &self.surface.samples.normals[j]);
-            let residual = rows.residual(&difference);
-            let weight = leverage.weight * self.loss.weight(residual);
-            block.axis.cost += leverage.weight * self.loss.cost(residual);
+            let norm = rows.residual(&difference);
+            let weight = leverage.weight * self.loss.weight(norm);
+            let mut cost = leverage.weight * self.loss.cost(norm);
             let rotated_arm = rotation * arm;
+            let [lever_u, lever_v] = &leverage.lever;
             for m in rows.as_slice() {
                 // dq/d(tilt) = [R d]_x (R - I) and dq/d(shift) = I - R, in the plane normal to the axis.
                 let moment = m.cross(&rotated_arm);
-                let [lever_u, lever_v] = &leverage.lever;
                 let jacobian = Vector4::new(
                     lever_u.dot(&moment),
                     lever_v.dot(&moment),
                     -lever_u.dot(m),
                     -lever_v.dot(m),
                 );
-                let r = m.dot(&difference);
-                block.axis.hessian += jacobian * jacobian.transpose() * weight;
-                block.axis.gradient += jacobian * (weight * r);
-                if D > 0 {
-                    let s = directions.tr_mul(&rotation.tr_mul(m));
-                    block.point_hessian += s * s.transpose() * weight;
-                    block.point_gradient += s * (weight * r);
-                    block.coupling += jacobian * s.transpose() * weight;
-                }
+                let row = rotation.tr_mul(m);
+                f(&Term { row, jacobian, residual: m.dot(&difference), weight, cost }, j);
+                cost = 0.0;
             }
         }
-        block
     }
 }
 
@@ -242,6 +275,43 @@ impl SelfAlignment<'_> {
             }
         });
         offsets
+    }
+
+    /// J'WJ of the axis with the points held fixed, and the scatter of J'Wr over patches of the surface: the meat of the
+    /// sandwich, which holds whatever correlates neighbouring residuals (White 1980; Liang and Zeger 1986).
+    ///
+    /// A residual carries the noise of two points and counts in the patches of both, half of it in each.
+    #[must_use]
+    pub fn sandwich(&self, axis: &Axis) -> Sandwich {
+        const PATCHES: usize = 256;
+        let count = self.samples.points.len();
+        let size = count.div_ceil(PATCHES).max(1);
+        let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
+        let leverages = self.leverages(axis);
+        let parts: Vec<(Matrix4<f64>, Vec<Vector4<f64>>)> = (0..count.div_ceil(size))
+            .into_par_iter()
+            .map(|patch| {
+                let mut hessian = Matrix4::zeros();
+                let mut gradients = vec![Vector4::zeros(); PATCHES];
+                for i in patch * size..((patch + 1) * size).min(count) {
+                    self.visit(&unknowns, &leverages, i, |term, j| {
+                        hessian += term.jacobian * term.jacobian.transpose() * term.weight;
+                        let gradient = term.jacobian * (term.weight * term.residual);
+                        gradients[patch] += gradient;
+                        gradients[j / size] += gradient;
+                    });
+                }
+                (hessian, gradients)
+            })
+            .collect();
+        let mut hessian = Matrix4::zeros();
+        let mut gradients = vec![Vector4::zeros(); PATCHES];
+        for (part, rows) in parts {
+            hessian += part;
+            gradients.iter_mut().zip(rows).for_each(|(sum, row)| *sum += row);
+        }
+        let scatter = gradients.iter().map(|g| g * g.transpose()).sum::<Matrix4<f64>>();
+        Sandwich { hessian, scatter }
     }
 
     /// The normal of a point, along which it moves where distances are measured to planes.

@@ -71,7 +71,7 @@ pub fn plane_fit(surface: &Surface) -> Option<Axis> {
 
 /// The three principal axes through the centroid, flattest first.
 fn principal_axes(surface: &Surface) -> Option<Vec<Axis>> {
-    let centroid = surface.centroid();
+    let centroid = surface.centroid;
     let covariance: Matrix3<f64> = surface.samples.points.iter().fold(Matrix3::zeros(), |sum, p| {
         let d = p - centroid;
         sum + d * d.transpose()
@@ -126,7 +126,7 @@ pub fn propose(
     params: &ProposeParams,
     control: &Control,
 ) -> Result<Vec<Proposal>> {
-    let centroid = surface.centroid();
+    let centroid = surface.centroid;
     let admitted = |axis: &Axis| {
         let near_hint = within
             .and_then(|hint| Axis::new(hint, centroid))

@@ -1,16 +1,16 @@
 //! Refinement of an axis: coarse to fine matching, then joint optimisation of the axis and the points.
 
-use nalgebra::{Matrix4, Vector3};
+use nalgebra::{Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
-use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, residuals};
+use crate::symmetry::alignment::{Correspondences, Sandwich, SelfAlignment, Unknowns, residuals};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::robust::{Huber, robust_sigma};
-use crate::symmetry::solver::{Minimum, RobustProblem, minimize};
+use crate::symmetry::solver::{RobustProblem, minimize};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// How an axis is refined.
@@ -48,7 +48,7 @@ impl Default for RefineParams {
             max_normal_angle: 0.6,
             huber_width: 1.345,
             max_rounds: 30,
-            max_full_rounds: 3,
+            max_full_rounds: 12,
             max_joint_steps: 2,
             tolerance: 1e-3,
             anchor: 1.0,
@@ -71,8 +71,10 @@ pub struct Refined {
     pub rounds: usize,
     /// Whether the last round moved less than the tolerance.
     pub converged: bool,
-    /// J'WJ of the four axis parameters at the solution, for residuals of unit variance.
-    pub information: Matrix4<f64>,
+    /// Share of an error of the axis that one round of matching makes good, in (0, 1]; the rest is lost to the noise.
+    pub gain: f64,
+    /// What the uncertainty of the four axis parameters is made of.
+    pub sandwich: Sandwich,
     /// Robust joint cost per match before and after the joint optimisation [squared length].
     pub costs: Vec<f64>,
 }
@@ -89,10 +91,44 @@ fn gates(first: f64, last: f64) -> Vec<f64> {
     gates
 }
 
-/// Largest motion of the rim between two axes, as an angle times a radius plus a shift \[length\].
-fn motion(from: &Axis, to: &Axis, radius: f64) -> f64 {
-    let centered = to.recentered(&from.point);
-    from.angle_to(to) * radius + (centered.point - from.point).norm()
+/// Least share of an error that a round is taken to make good.
+const LEAST_GAIN: f64 = 0.03;
+
+/// Change from one axis to the next: of the direction at the rim, and of the point \[length\].
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    rim: Vector3<f64>,
+    point: Vector3<f64>,
+}
+
+impl Motion {
+    /// Both axes must be held by their point nearest to the same centre.
+    fn between(from: &Axis, to: &Axis, radius: f64) -> Self {
+        let rim = (to.direction.into_inner() - from.direction.into_inner()) * radius;
+        Self { rim, point: to.point - from.point }
+    }
+
+    fn dot(&self, other: &Self) -> f64 {
+        self.rim.dot(&other.rim) + self.point.dot(&other.point)
+    }
+
+    fn length(&self) -> f64 {
+        self.rim.norm() + self.point.norm()
+    }
+
+    /// Share of the motion `before` that is left in this one; `None` unless both have one direction.
+    ///
+    /// Noise lets a rotated point always find some neighbour nearby, so each round makes good only a share of the error,
+    /// the same share every time.
+    fn ratio(&self, before: &Self) -> Option<f64> {
+        let (along, before_sq) = (self.dot(before), before.dot(before));
+        (along > 0.9 * (before_sq * self.dot(self)).sqrt()).then_some(along / before_sq)
+    }
+
+    fn applied(&self, axis: &Axis, times: f64, radius: f64) -> Axis {
+        let direction = axis.direction.into_inner() + self.rim * (times / radius);
+        Axis { direction: Unit::new_normalize(direction), point: axis.point + self.point * times }
+    }
 }
 
 /// Aligns the surface with its own rotated copies, moving only the axis.
@@ -113,8 +149,7 @@ pub fn align(
     params: &RefineParams,
     control: &Control,
 ) -> Result<Refined> {
-    let centroid = surface.centroid();
-    let radius = rim(surface, &centroid);
+    let (centroid, radius) = (surface.centroid, surface.radius);
     let mut axis = start.recentered(&centroid);
     let mut refined = Refined {
         axis,
@@ -123,7 +158,8 @@ pub fn align(
         share: 0.0,
         rounds: 0,
         converged: false,
-        information: Matrix4::zeros(),
+        gain: 1.0,
+        sandwich: Sandwich::default(),
         costs: Vec::new(),
     };
     let schedule = gates(first_gate, last_gate);
@@ -131,6 +167,7 @@ pub fn align(
         let last = level + 1 == schedule.len();
         let gate = Gate { distance, cosine: params.max_normal_angle.cos() };
         let rounds = if last { params.max_rounds } else { params.max_rounds.min(3) };
+        let mut before: Option<Motion> = None;
         for _ in 0..rounds {
             control.check()?;
             let correspondences = Correspondences::find(surface, samples, &axis, turns, gate);
@@ -146,10 +183,19 @@ pub fn align(
                 anchor: params.anchor,
                 max_offset: 0.0,
             };
-            let solved = minimize(problem, Unknowns { axis, offsets: Vec::new() }, 1)?;
+            let solved = minimize(&problem, Unknowns { axis, offsets: Vec::new() }, 1)?;
             let moved = solved.param.axis.recentered(&centroid);
-            let step = motion(&axis, &moved, radius);
-            axis = moved;
+            let motion = Motion::between(&axis, &moved, radius);
+            let ratio = before.and_then(|before| motion.ratio(&before));
+            if let Some(ratio) = ratio.filter(|_| last) {
+                refined.gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
+            }
+            // Aitken's extrapolation to where ever shorter steps would end.
+            let ahead = ratio.map_or(0.0, |ratio| 1.0 / (1.0 - ratio).max(LEAST_GAIN) - 1.0);
+            let step = motion.length() * (1.0 + ahead);
+            axis = motion.applied(&moved, ahead, radius).recentered(&centroid);
+            // An extrapolated step says nothing about the pace.
+            before = (ahead == 0.0).then_some(motion);
             refined.rounds += 1;
             refined.sigma = sigma;
             refined.share = correspondences.share();
@@ -177,8 +223,7 @@ pub fn refine_jointly(
     params: &RefineParams,
     control: &Control,
 ) -> Result<Refined> {
-    let centroid = surface.centroid();
-    let radius = rim(surface, &centroid);
+    let (centroid, radius) = (surface.centroid, surface.radius);
     let turns = Turns::all(order, params.max_joint_turns);
     let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
     let offsets = if joint { vec![Vector3::zeros(); surface.len()] } else { Vec::new() };
@@ -199,26 +244,20 @@ pub fn refine_jointly(
         max_offset: surface.spacing,
     };
     let matches = correspondences.count().max(1) as f64;
-    let (unknowns, costs, information) = if joint {
-        let Minimum { param, costs, hessian } = minimize(problem, unknowns, params.max_joint_steps)?;
-        (param, costs, hessian)
+    let (unknowns, costs) = if joint {
+        let solved = minimize(&problem, unknowns, params.max_joint_steps)?;
+        (solved.param, solved.costs)
     } else {
-        let linear = problem.linearize(&unknowns)?;
-        (unknowns, [linear.cost; 2], linear.hessian)
+        let cost = problem.cost(&unknowns)?;
+        (unknowns, [cost; 2])
     };
     Ok(Refined {
         axis: unknowns.axis.recentered(&centroid),
+        sandwich: problem.sandwich(&unknowns.axis.recentered(&centroid)),
         offsets: unknowns.offsets,
         sigma,
         share: correspondences.share(),
-        information,
         costs: costs.map(|cost| cost / matches).to_vec(),
         ..aligned.clone()
     })
-}
-
-/// Root mean square distance of the points from their centroid \[length\].
-fn rim(surface: &Surface, centroid: &Vector3<f64>) -> f64 {
-    let sum: f64 = surface.samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
-    (sum / surface.len() as f64).sqrt()
 }

@@ -60,20 +60,13 @@ pub struct DampedGaussNewton {
     /// Relative fall of the cost below which the solution is accepted.
     tolerance: f64,
     converged: bool,
-    /// Where the solver came from: the first cost, and the last normal equations.
+    /// The cost that the solver came from.
     start_cost: Option<f64>,
-    last: NormalEquations,
 }
 
 impl Default for DampedGaussNewton {
     fn default() -> Self {
-        Self {
-            damping: 1e-6,
-            tolerance: 1e-6,
-            converged: false,
-            start_cost: None,
-            last: NormalEquations::default(),
-        }
+        Self { damping: 1e-6, tolerance: 1e-6, converged: false, start_cost: None }
     }
 }
 
@@ -81,21 +74,20 @@ impl DampedGaussNewton {
     const MAX_DAMPING: f64 = 1e6;
 }
 
-impl<O: RobustProblem> Solver<O, IterState<O::Param, (), (), (), (), f64>> for DampedGaussNewton {
+impl<O: RobustProblem> Solver<&O, IterState<O::Param, (), (), (), (), f64>> for DampedGaussNewton {
     fn name(&self) -> &str {
         "damped Gauss-Newton"
     }
 
     fn next_iter(
         &mut self,
-        problem: &mut Problem<O>,
+        problem: &mut Problem<&O>,
         mut state: IterState<O::Param, (), (), (), (), f64>,
     ) -> std::result::Result<(IterState<O::Param, (), (), (), (), f64>, Option<KV>), argmin::core::Error>
     {
         let param = state.take_param().ok_or_else(|| argmin::core::Error::msg("no initial axis"))?;
         let linear = problem.problem("linearize_count", |p| Ok(p.linearize(&param)?))?;
         self.start_cost.get_or_insert(linear.cost);
-        self.last = linear;
         while self.damping <= Self::MAX_DAMPING {
             let mut damped = linear.hessian;
             for i in 0..4 {
@@ -135,8 +127,6 @@ pub struct Minimum<P> {
     pub param: P,
     /// Robust cost at the start and at the end.
     pub costs: [f64; 2],
-    /// J' W J where the last step began, which is the solution but for that step.
-    pub hessian: Matrix4<f64>,
 }
 
 /// Minimises `problem` from `start` in at most `max_iterations` accepted steps.
@@ -144,7 +134,7 @@ pub struct Minimum<P> {
 /// # Errors
 /// Those of the problem.
 pub fn minimize<O: RobustProblem>(
-    problem: O,
+    problem: &O,
     start: O::Param,
     max_iterations: u64,
 ) -> Result<Minimum<O::Param>> {
@@ -161,5 +151,5 @@ pub fn minimize<O: RobustProblem>(
     let (mut state, solver) = (solved.state, solved.solver);
     let cost = state.get_cost();
     let param = state.take_param().or_else(|| state.take_best_param()).ok_or(Error::Cancelled)?;
-    Ok(Minimum { param, costs: [solver.start_cost.unwrap_or(cost), cost], hessian: solver.last.hessian })
+    Ok(Minimum { param, costs: [solver.start_cost.unwrap_or(cost), cost] })
 }

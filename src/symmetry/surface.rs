@@ -1,7 +1,6 @@
 //! The measured surface that a symmetry is matched against: points, normals and a tree, all in one frame.
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use crate::symmetry::field::NearestField;
 
@@ -45,6 +44,10 @@ pub struct Surface {
     pub oriented: bool,
     /// Typical distance between neighbouring points \[length\].
     pub spacing: f64,
+    /// Mean of the points \[length\].
+    pub centroid: Vector3<f64>,
+    /// Root mean square distance of the points from it \[length\].
+    pub radius: f64,
     packed: Vec<Packed>,
     /// Tables from fine to coarse, each with the largest gate that it serves \[length\].
     fields: [(f64, NearestField); 3],
@@ -74,7 +77,11 @@ impl Surface {
                 _padding: [0.0; 2],
             })
             .collect();
-        Self { samples, oriented, spacing, packed, fields: [fine, middle, coarse] }
+        let count = samples.points.len() as f64;
+        let centroid = samples.points.iter().sum::<Vector3<f64>>() / count;
+        let spread: f64 = samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
+        let radius = (spread / count).sqrt();
+        Self { samples, oriented, spacing, centroid, radius, packed, fields: [fine, middle, coarse] }
     }
 
     /// Number of points.
@@ -87,13 +94,6 @@ impl Surface {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.samples.points.is_empty()
-    }
-
-    /// Mean of the points \[length\].
-    #[must_use]
-    pub fn centroid(&self) -> Vector3<f64> {
-        let sums: Vec<Vector3<f64>> = self.samples.points.par_chunks(4096).map(|c| c.iter().sum()).collect();
-        sums.iter().sum::<Vector3<f64>>() / self.len() as f64
     }
 
     /// The nearest measured point within the gate whose normal agrees with `normal`; `None` where there is none.
