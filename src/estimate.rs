@@ -10,7 +10,7 @@ use crate::prepare::{Prepared, prepare};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
-use crate::symmetry::complete::{FoldedCell, axis_frame, complete};
+use crate::symmetry::complete::{axis_frame, complete};
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
@@ -122,7 +122,8 @@ impl Estimator {
             complete(&refined, &axis, order, prepared.voxel_size)
         };
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
-        let height = origin_height(&completion.cells, config.origin, base);
+        let origin = origin_height(&completion, config.origin, base, surface.oriented);
+        let height = origin.value;
         let heading = find_heading(&completion, &refined, &axis, order, config.yaw);
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.number("coverage", completion.coverage);
@@ -140,7 +141,7 @@ impl Estimator {
         let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);
         let local_from_object = place(&axis, height, heading.angle, order, preferred);
         let world_from_object = prepared.world_from_local * local_from_object;
-        let along = AlongAxis { slide: slide_sigma(&completion.cells), yaw: heading.sigma };
+        let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let (covariance, unobservable) = pose_covariance(
             &found.sandwich,
             found.gain,
@@ -392,12 +393,4 @@ fn height_over(axis: &Axis, [x, y, z, d]: [f64; 4]) -> Option<f64> {
 fn plane_in_world([x, y, z, d]: [f64; 4], world_from_local: &Isometry3<f64>) -> [f64; 4] {
     let normal = world_from_local * Vector3::new(x, y, z);
     [normal.x, normal.y, normal.z, d - normal.dot(&world_from_local.translation.vector)]
-}
-
-/// Standard deviation of the height of the centroid, from the scatter of the cells \[length\].
-fn slide_sigma(cells: &[FoldedCell]) -> f64 {
-    let area: f64 = cells.iter().map(|c| c.area).sum();
-    let mean = cells.iter().map(|c| c.area * c.position.z).sum::<f64>() / area;
-    let scatter: f64 = cells.iter().map(|c| (c.area * (c.position.z - mean)).powi(2)).sum();
-    scatter.sqrt() / area
 }

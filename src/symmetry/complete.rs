@@ -18,6 +18,8 @@ pub struct FoldedCell {
     pub position: Vector3<f64>,
     /// Surface that the cell stands for over all sectors [squared cell edges].
     pub area: f64,
+    /// Mean component of the normals along the axis.
+    pub slope: f64,
     /// Measured points in it.
     pub count: u32,
 }
@@ -39,6 +41,8 @@ impl FoldedCell {
 /// The completed part.
 #[derive(Debug, Clone, Default)]
 pub struct Completion {
+    /// Edge of a cell \[length\].
+    pub cell: f64,
     /// One sector, folded.
     pub cells: Vec<FoldedCell>,
     /// All sectors, in the frame of the surface.
@@ -118,7 +122,7 @@ pub fn complete(samples: &Samples, axis: &Axis, order: Order, cell: f64) -> Comp
         .collect();
     folded.sort_by_key(|f| (f.key, f.sector));
 
-    let mut completion = Completion::default();
+    let mut completion = Completion { cell, ..Completion::default() };
     let mut measured = 0usize;
     for members in folded.chunk_by(|a, b| a.key == b.key) {
         let ring = members[0].key.1;
@@ -145,6 +149,7 @@ pub fn complete(samples: &Samples, axis: &Axis, order: Order, cell: f64) -> Comp
         completion.cells.push(FoldedCell {
             position: mean,
             area: grid.area(ring) / obliqueness(members, &mean),
+            slope: members.iter().map(|f| f.normal.z).sum::<f64>() / members.len() as f64,
             count: members.len() as u32,
         });
     }

@@ -2,6 +2,7 @@
 
 pub mod alignment;
 pub mod axis;
+pub mod closure;
 pub mod complete;
 pub mod covariance;
 pub mod detect;

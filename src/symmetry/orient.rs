@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{Origin, Yaw};
 use crate::symmetry::axis::Axis;
+use crate::symmetry::closure::{Unseen, unseen};
 use crate::symmetry::complete::{Completion, FoldedCell};
 use crate::symmetry::order::Order;
 use crate::symmetry::surface::Samples;
@@ -74,16 +75,41 @@ fn centroid_height(cells: &[FoldedCell]) -> f64 {
     cells.iter().map(|c| c.area * c.position.z).sum::<f64>() / area(cells)
 }
 
-/// Height of the origin above the point of the axis \[length\].
+/// Where the origin lies on the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Height {
+    /// Above the point of the axis \[length\].
+    pub value: f64,
+    /// Standard deviation \[length\].
+    pub sigma: f64,
+}
+
+/// Height of the origin above the point of the axis.
 ///
-/// `base` is the height at which the axis meets the support plane, where there is one.
+/// `base` is the height at which the axis meets the support plane, where there is one. With `outward` normals the centroid
+/// takes the surface into account that no camera saw.
 #[must_use]
-pub fn origin_height(cells: &[FoldedCell], origin: Origin, base: Option<f64>) -> f64 {
-    let [lower, upper] = ends(cells);
+pub fn origin_height(completion: &Completion, origin: Origin, base: Option<f64>, outward: bool) -> Height {
+    /// Uncertainty of the unseen surface, as a share of what it changes.
+    const TRUST: f64 = 0.7;
+    let cells = &completion.cells;
+    let [mut lower, mut upper] = ends(cells);
+    if let Some(base) = base {
+        // The part ends on its support, to whichever side of the axis point that is.
+        if base < 0.5 * (lower + upper) { lower = base } else { upper = base }
+    }
+    let area = area(cells);
+    let seen = centroid_height(cells);
+    let scatter = cells.iter().map(|c| (c.area * (c.position.z - seen)).powi(2)).sum::<f64>().sqrt() / area;
     match origin {
-        Origin::Centroid => centroid_height(cells),
-        Origin::Base => base.unwrap_or(lower),
-        Origin::Midpoint => 0.5 * (lower + upper),
+        Origin::Centroid if outward => {
+            let Unseen { area: unseen_area, moment } = unseen(completion, [lower, upper]);
+            let value = (seen * area + moment) / (area + unseen_area);
+            Height { value, sigma: scatter.hypot(TRUST * (value - seen)) }
+        }
+        Origin::Centroid => Height { value: seen, sigma: scatter },
+        Origin::Base => Height { value: base.unwrap_or(lower), sigma: completion.cell },
+        Origin::Midpoint => Height { value: 0.5 * (lower + upper), sigma: completion.cell },
     }
 }
 
