@@ -18,7 +18,7 @@ use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
 use crate::symmetry::propose::Proposal;
 use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
-use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
+use crate::symmetry::search::{Found, SearchContext, group_size, search_known, search_unknown};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// What one call adds to the configuration.
@@ -98,7 +98,7 @@ impl Estimator {
 
         stages.begin("refine")?;
         let mut settled = self.settle(&prepared, &candidates, control);
-        if request.initial.is_some() && !matches!(&settled, Ok(s) if s.score.value() >= TRACKED) {
+        if request.initial.is_some() && !matches!(&settled, Ok(s) if s.score.trust(surface.oriented) >= TRACKED) {
             stages.text("tracking", "lost: searched again");
             let searched = Request { initial: None, ..request.clone() };
             candidates = self.candidates(&prepared, &searched)?;
@@ -156,7 +156,7 @@ impl Estimator {
         Ok(Estimate {
             world_from_object,
             order,
-            score: score.value(),
+            score: score.trust(surface.oriented),
             explained: detection.explained,
             covariance,
             unobservable,
@@ -235,6 +235,7 @@ impl Estimator {
                 match_score(surface, &samples, &refined.axis, &turns, gate, prepared.visibility.as_ref());
             let mut warnings = Vec::new();
             warnings.extend(order_warning(declared, &detection));
+            warnings.extend(ambiguity(candidate, candidates));
             return Ok(Settled { refined, order, score, detection, warnings });
         }
         Err(no_symmetry(prepared, refusal))
@@ -345,6 +346,23 @@ fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
             100.0 * detection.explained
         )),
     }
+}
+
+/// Says so when another axis came out of the search that explains the data about as well, as for a cube.
+fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
+    /// Share of the score of the chosen axis.
+    const AS_WELL: f64 = 0.95;
+    /// Angle between axes that are not the same \[rad\].
+    const APART: f64 = 0.17;
+    let (axis, score) = (&chosen.proposal.axis, chosen.proposal.score.value());
+    let size = |found: &Found| found.order.map_or(0, group_size);
+    let other = candidates.iter().find(|other| {
+        other.proposal.score.value() >= AS_WELL * score
+            && size(other) >= size(chosen)
+            && other.proposal.axis.angle_to(axis) > APART
+    })?;
+    let degrees = other.proposal.axis.angle_to(axis).to_degrees();
+    Some(format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well"))
 }
 
 fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {

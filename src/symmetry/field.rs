@@ -51,10 +51,9 @@ impl NearestField {
                 let point = field.nearest[field.index(at)];
                 for step in STEPS {
                     let beside: [u32; 3] = std::array::from_fn(|i| at[i].wrapping_add_signed(step[i]));
-                    if (0..3).all(|i| (beside[i] as usize) < field.size[i]) {
-                        if (points[point as usize] - field.center(beside)).norm_squared() < useful {
-                            field.offer(points, beside, point, &mut next);
-                        }
+                    let inside = (0..3).all(|i| (beside[i] as usize) < field.size[i]);
+                    if inside && (points[point as usize] - field.center(beside)).norm_squared() < useful {
+                        field.offer(points, beside, point, &mut next);
                     }
                 }
             }

@@ -113,7 +113,9 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     Ok(found)
 }
 
-fn group_size(order: Order) -> u32 {
+/// Rotations of a group, for comparing groups; those of a surface of revolution are without number.
+#[must_use]
+pub fn group_size(order: Order) -> u32 {
     match order {
         Order::Cyclic(n) => n,
         Order::Continuous => u32::MAX,
