@@ -98,7 +98,9 @@ impl Estimator {
 
         stages.begin("refine")?;
         let mut settled = self.settle(&prepared, &candidates, control);
-        if request.initial.is_some() && !matches!(&settled, Ok(s) if s.score.trust(surface.oriented) >= TRACKED) {
+        if request.initial.is_some()
+            && !matches!(&settled, Ok(s) if s.score.trust(surface.oriented) >= TRACKED)
+        {
             stages.text("tracking", "lost: searched again");
             let searched = Request { initial: None, ..request.clone() };
             candidates = self.candidates(&prepared, &searched)?;
@@ -236,6 +238,9 @@ impl Estimator {
             let mut warnings = Vec::new();
             warnings.extend(order_warning(declared, &detection));
             warnings.extend(ambiguity(candidate, candidates));
+            if declared == Order::Auto && !surface.oriented {
+                warnings.push(UNSEEN.to_owned());
+            }
             return Ok(Settled { refined, order, score, detection, warnings });
         }
         Err(no_symmetry(prepared, refusal))
@@ -293,6 +298,9 @@ const COARSE: usize = 4000;
 
 /// Distance of a match when the order is found [point spacings].
 const DETECTION_GATE: f64 = 2.5;
+
+/// Remark on an order that was found without knowing what was seen from where.
+const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
 
 /// Score below which a pose that was tracked counts as lost.
 const TRACKED: f64 = 0.5;

@@ -39,6 +39,12 @@ pub struct DetectParams {
     pub refused: f64,
     /// Share of the observed surface that a symmetry must explain.
     pub explained: f64,
+    /// The same as `refused` where no viewpoint is known.
+    pub unseen_refused: f64,
+    /// Contrast between the best order and generic angles, at least, where no viewpoint is known [share of the latter].
+    pub unseen_contrast: f64,
+    /// Share of normals that do not meet the axis below which a surface is one of revolution, no viewpoint being known.
+    pub twisted: f64,
 }
 
 impl Default for DetectParams {
@@ -54,6 +60,9 @@ impl Default for DetectParams {
             support: 0.2,
             refused: 0.09,
             explained: 0.96,
+            unseen_refused: 0.4,
+            unseen_contrast: 0.3,
+            twisted: 0.04,
         }
     }
 }
@@ -272,6 +281,9 @@ pub fn detect_order(
     if share < params.continuous {
         return detection;
     }
+    if visibility.is_none() && twisted(axis, &survey) < params.twisted {
+        return detection;
+    }
     let samples = structured_rings(surface, axis, &survey, &structured, params.ring_samples);
     let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, visibility);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
@@ -287,6 +299,14 @@ pub fn detect_order(
             && e.worst <= floor + params.worst_tolerance * contrast
     };
     let best = orders.iter().zip(&evidence).filter(|(_, e)| holds(e)).map(|(n, _)| *n).max();
+    if visibility.is_none() {
+        // Anything may be hidden: no share of misses refuses an order that stands out from the generic angles.
+        let stands_out =
+            floor < params.unseen_refused && contrast > params.unseen_contrast * detection.generic;
+        detection.order = best.filter(|_| stands_out).map(Order::Cyclic);
+        detection.explained = 1.0 - share * floor;
+        return detection;
+    }
     match best {
         Some(n) if floor < params.refused && contrast > params.structured => {
             detection.explained = 1.0 - share * sweep.order(n, &structured).sum.share_against();
@@ -300,6 +320,19 @@ pub fn detect_order(
         }
     }
     detection
+}
+
+/// Share of the points whose normal does not meet the axis; those of a surface of revolution all do.
+fn twisted(axis: &Axis, survey: &Samples) -> f64 {
+    /// Sine of the angle by which noise turns a normal aside.
+    const ASIDE: f64 = 0.3;
+    let along = axis.direction.into_inner();
+    let aside = |(point, normal): (&Vector3<f64>, &Vector3<f64>)| {
+        let around = along.cross(&(point - axis.point)).try_normalize(0.0).unwrap_or_default();
+        normal.dot(&around).abs() > ASIDE
+    };
+    let count = survey.points.iter().zip(&survey.normals).filter(|row| aside(*row)).count();
+    count as f64 / survey.points.len().max(1) as f64
 }
 
 fn gcd(a: u32, b: u32) -> u32 {

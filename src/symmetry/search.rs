@@ -22,6 +22,9 @@ const ASKED: usize = 3;
 /// An axis is as good as the best one when its score reaches this share of it.
 const EQUALLY_GOOD: f64 = 0.85;
 
+/// The same where no viewpoint is known, so that hidden surface counts as missing.
+const EQUALLY_GOOD_UNSEEN: f64 = 0.6;
+
 /// Everything the search needs beside the surface.
 #[derive(Clone, Copy)]
 pub struct SearchContext<'a> {
@@ -102,8 +105,9 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     }
     let best =
         found.iter().filter(|f| f.order.is_some()).map(|f| f.proposal.score.value()).fold(0.0, f64::max);
+    let equally_good = if context.visibility.is_some() { EQUALLY_GOOD } else { EQUALLY_GOOD_UNSEEN };
     let rank = |f: &Found| {
-        let good = f.order.is_some() && f.proposal.score.value() >= EQUALLY_GOOD * best;
+        let good = f.order.is_some() && f.proposal.score.value() >= equally_good * best;
         let group = if good { f.order.map_or(0, group_size) } else { 0 };
         (f.order.is_some(), group)
     };
