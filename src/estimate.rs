@@ -375,13 +375,15 @@ fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
 
 fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
     let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
+    let hint =
+        if prepared.surface.oriented { "" } else { "; give the viewpoint or the order, which say more" };
     let evidence = match refusal {
         Some((axis, detection)) => Evidence {
             axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
             center: world(axis.point),
             explained: detection.explained,
             score: 0.0,
-            reason: "about the best axis no rotation maps the part to itself".to_owned(),
+            reason: format!("about the best axis no rotation maps the part to itself{hint}"),
         },
         None => Evidence {
             center: world(prepared.surface.centroid),

@@ -60,7 +60,7 @@ impl Default for DetectParams {
             support: 0.2,
             refused: 0.09,
             explained: 0.96,
-            unseen_refused: 0.4,
+            unseen_refused: 0.35,
             unseen_contrast: 0.3,
             twisted: 0.04,
         }
