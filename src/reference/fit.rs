@@ -3,13 +3,14 @@
 use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
+use super::sides::Sides;
 use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
 use crate::result::FreeDirection;
 use crate::symmetry::covariance::INFLATION;
 use crate::symmetry::robust::{Huber, robust_sigma};
-use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::surface::{Gate, Samples};
 
 /// Width of Huber's loss [standard deviations of the residual].
 const HUBER_WIDTH: f64 = 1.345;
@@ -41,23 +42,23 @@ struct Match {
 
 /// The distance of a scan point from the plane of the surface point that it meets.
 pub(super) fn residual(
-    surface: &Surface,
+    surface: &Sides,
     object_from_scan: &Isometry3<f64>,
     (point, normal): (&Vector3<f64>, &Vector3<f64>),
     gate: f64,
 ) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     let point = (object_from_scan * Point3::from(*point)).coords;
     let normal = object_from_scan * normal;
-    let met = surface.matching(&point, &normal, Gate { distance: gate, cosine: MIN_COSINE })? as usize;
-    let rows = Residual::PointToPlane.rows(&normal, &surface.samples.normals[met]);
+    let (met, facing) = surface.matching(&point, &normal, Gate { distance: gate, cosine: MIN_COSINE })?;
+    let rows = Residual::PointToPlane.rows(&normal, facing);
     let row = *rows.as_slice().first()?;
-    Some((point, row, row.dot(&(point - surface.samples.points[met]))))
+    Some((point, row, row.dot(&(point - met))))
 }
 
 impl Fit {
     /// Gauss-Newton from `start`, its gate narrowing through `gates` \[length\]. With `free_yaw` the turn about z is kept.
     pub(super) fn new(
-        surface: &Surface,
+        surface: &Sides,
         samples: &Samples,
         start: Isometry3<f64>,
         gates: &[f64],
@@ -91,7 +92,7 @@ impl Fit {
     }
 
     /// Matches the scan anew; sums the normal equations and returns J'Wr.
-    fn linearize(&mut self, surface: &Surface, samples: &Samples, gate: f64) -> Vector6<f64> {
+    fn linearize(&mut self, surface: &Sides, samples: &Samples, gate: f64) -> Vector6<f64> {
         const PATCHES: usize = 256;
         let pose = self.object_from_scan;
         let matches: Vec<Option<Match>> = samples

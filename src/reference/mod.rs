@@ -7,6 +7,7 @@
 
 mod fit;
 mod register;
+mod sides;
 
 use std::f64::consts::TAU;
 
@@ -19,9 +20,10 @@ use crate::preprocess::median_spacing;
 use crate::result::Diagnostic;
 use crate::spatial::KdTree;
 use crate::symmetry::order::Order;
-use crate::symmetry::surface::{Samples, Surface};
+use crate::symmetry::surface::Samples;
 
 pub(crate) use register::Scan;
+use sides::Sides;
 
 /// The version of the schema that is written, and the only one that is read.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -41,7 +43,7 @@ pub(crate) const ORIENTED: &str = "oriented_normals";
 #[derive(Debug)]
 pub struct Reference {
     sector: Sector,
-    surface: Surface,
+    surface: Sides,
     diameter: f64,
 }
 
@@ -128,7 +130,7 @@ impl Reference {
         let samples = sector.unfolded();
         let [rim, low, high] = reach(&samples.points);
         let diameter = (2.0 * rim).hypot(high - low);
-        let surface = Surface::new(samples, sector.oriented, sector.cell, register::WIDEST_GATE * diameter);
+        let surface = Sides::new(samples, sector.oriented, sector.cell, register::WIDEST_GATE * diameter);
         Ok(Self { sector, surface, diameter })
     }
 }

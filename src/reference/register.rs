@@ -6,12 +6,13 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::fit::{Fit, residual};
+use super::sides::Sides;
 use super::{Reference, reach};
 use crate::control::Control;
 use crate::error::Result;
 use crate::result::FreeDirection;
 use crate::symmetry::order::Order;
-use crate::symmetry::surface::{Samples, Surface};
+use crate::symmetry::surface::Samples;
 
 /// Largest distance of a match [diameters].
 pub(super) const WIDEST_GATE: f64 = 0.05;
@@ -228,7 +229,7 @@ fn away(pose: &Isometry3<f64>, scan: &Scan) -> f64 {
 }
 
 /// How close a scan comes to the surface, from 0 (beyond the gate everywhere) to 1.
-fn closeness(surface: &Surface, samples: &Samples, object_from_scan: &Isometry3<f64>, gate: f64) -> f64 {
+fn closeness(surface: &Sides, samples: &Samples, object_from_scan: &Isometry3<f64>, gate: f64) -> f64 {
     let near = |row| {
         let (.., distance) = residual(surface, object_from_scan, row, gate)?;
         Some(1.0 - (distance.abs() / gate).min(1.0))
@@ -238,7 +239,7 @@ fn closeness(surface: &Surface, samples: &Samples, object_from_scan: &Isometry3<
 }
 
 /// Share of a scan that lies on the surface.
-fn overlap(surface: &Surface, samples: &Samples, object_from_scan: &Isometry3<f64>, cell: f64) -> f64 {
+fn overlap(surface: &Sides, samples: &Samples, object_from_scan: &Isometry3<f64>, cell: f64) -> f64 {
     let fits = |row: &(_, _)| {
         let found = residual(surface, object_from_scan, *row, GATE * cell);
         found.is_some_and(|(.., distance)| distance.abs() < FITS * cell)
