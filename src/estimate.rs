@@ -120,7 +120,7 @@ impl Estimator {
             candidates = self.candidates(&prepared, &searched)?;
             settled = self.settle(&prepared, &candidates, control);
         }
-        let Settled { refined: found, order, score, detection, warnings } = settled?;
+        let Settled { refined: found, order, score, detection, mut warnings } = settled?;
         let refined = Samples {
             points: displaced(&surface.samples.points, &found),
             normals: surface.samples.normals.clone(),
@@ -169,8 +169,16 @@ impl Estimator {
         let mut framed = Framed { local_from_object, covariance, unobservable };
         if let Some(reference) = &request.reference {
             stages.begin("register")?;
-            let scan = Scan { samples: &refined, scan_from_object: local_from_object, order, preferred };
-            framed = register(reference, &scan, &prepared, &detection, &mut stages, control)?;
+            let visibility = prepared.visibility.as_ref();
+            let scan = Scan {
+                samples: &refined,
+                surface,
+                visibility,
+                scan_from_object: local_from_object,
+                order,
+                preferred,
+            };
+            framed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
         }
         let Framed { local_from_object, covariance, unobservable } = framed;
         let match_curve = self.match_curve(&prepared, &axis);
@@ -342,6 +350,7 @@ fn register(
     prepared: &Prepared,
     detection: &Detection,
     stages: &mut Stages,
+    warnings: &mut Vec<String>,
     control: &Control,
 ) -> Result<Framed> {
     let registered = reference.register(scan, control)?;
@@ -360,6 +369,7 @@ fn register(
         return Err(Error::NoSymmetry { evidence });
     }
     let (covariance, unobservable) = (registered.covariance, registered.unobservable);
+    warnings.extend(registered.warnings);
     Ok(Framed { local_from_object, covariance, unobservable })
 }
 
