@@ -68,8 +68,8 @@ def estimate(
         axis_hint: (3,) rough axis, sign ignored; the search stays within 30 degrees of it.
         initial: Pose to start from, (4, 4) or an earlier estimate: for tracking. It is refined; only if that
             fails is the axis searched.
-        reference: A taught part, from `Estimate.as_reference`: the pose is found in its frame, which fixes the
-            origin along the axis and the turn about it. Its order counts where none is given.
+        reference: A taught part, from `Estimate.as_reference`: the pose is found in its frame, which fixes
+            the origin along the axis and the turn about it. Its order counts where none is given.
         prefer: (4, 4); among equivalent poses the one nearest to this is returned.
         config: All other settings. An argument given here wins over the same setting in `config`.
         seed: Seed of everything random; 0 leaves that of `config`.
@@ -84,8 +84,8 @@ def estimate(
     Raises:
         InvalidInputError: An argument or the file is wrong; the message says what was found.
         InsufficientDataError: Too few points, or points that span no surface.
-        NoSymmetryError: No axis explains the cloud; `evidence` says how good the best one was. Or the scan does not
-            fit the reference.
+        NoSymmetryError: No axis explains the cloud; `evidence` says how good the best one was. Or the scan
+            does not fit the reference.
         DeadlineExceededError: The timeout passed.
         OSError: The file cannot be read.
     """

@@ -15,14 +15,14 @@ pytest.importorskip("trimesh")
 pytest.importorskip("manifold3d")
 pytest.importorskip("embreex")
 
-import sympose  # noqa: E402
-from conftest import ORDER, Part, make_part  # noqa: E402
-from sympose import Estimate, InvalidInputError, NoSymmetryError, Reference  # noqa: E402
-from sympose.datasets import Scan, part, scan  # noqa: E402
-from sympose.evaluation.reference import about_z, reference_of, turned_over  # noqa: E402
-from sympose.metrics import mssd  # noqa: E402
+import sympose
+from conftest import ORDER, Part, make_part
+from sympose import Estimate, InvalidInputError, NoSymmetryError, Reference
+from sympose.datasets import Scan, part, scan
+from sympose.evaluation.reference import about_z, reference_of
+from sympose.metrics import mssd
 
-PARTS = ("propeller_3", "wheel_hub_6", "gear_12")
+PARTS = ("propeller_3", "wheel_hub_5", "can")
 
 
 @lru_cache
@@ -53,21 +53,17 @@ def error(name: str, one: Scan, pose: NDArray[np.float64]) -> float:
         # Any angle will do: the nearest one.
         apart = np.linalg.inv(world_from_object) @ found
         symmetries = about_z(float(np.arctan2(apart[1, 0] - apart[0, 1], apart[0, 0] + apart[1, 1])))[None]
-    if one.dihedral:
-        # Which axes across the part are two-fold is not told: some multiple of a quarter of a sector.
-        quarters = [turned_over() @ about_z(2.0 * np.pi * k / (4.0 * len(symmetries))) for k in range(4)]
-        symmetries = np.concatenate([symmetries, *[symmetries @ over for over in quarters]])
     return mssd(truth.points, found, world_from_object, symmetries) / one.diameter
 
 
-@pytest.mark.parametrize("name", [*PARTS, "can"])
-@pytest.mark.parametrize("views", [5, 1])
-def test_the_taught_frame_is_found_again(name: str, views: int) -> None:
-    one = scanned(name, views, 2)
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize(("views", "seed"), [(5, 2), (1, 3)])
+def test_the_taught_frame_is_found_again(name: str, views: int, seed: int) -> None:
+    one = scanned(name, views, seed)
     found = estimated(one, reference=taught(name)[0])
     assert error(name, one, found.pose) <= 0.001
     assert found.order == part(name).order
-    assert found.diagnostics["reference_overlap"] > 0.4
+    assert found.diagnostics["reference_overlap"] > 0.8
     assert 0.0 < found.diagnostics["reference_sigma"] < 0.003
     covariance = found.covariance
     if found.order == "continuous":
@@ -80,14 +76,23 @@ def test_the_taught_frame_is_found_again(name: str, views: int) -> None:
 
 
 def test_a_scan_that_does_not_tell_the_turn_says_so() -> None:
-    # From behind the shroud of an impeller, blades are out of sight.
-    found = estimated(scanned("impeller_7", 1, 2), reference=taught("impeller_7")[0])
+    # Past the rim of this wheel the camera sees no spoke.
+    found = estimated(scanned("wheel_hub_5", 1, 2), reference=taught("wheel_hub_5")[0])
     assert found.unobservable == ("yaw",)
+    assert np.isinf(found.covariance[2, 2])
     assert any("yaw" in warning for warning in found.warnings)
 
 
+def test_a_reference_taught_from_one_side_is_found_and_warned_of() -> None:
+    # All five views of this scan stand above the part, three of the next one below.
+    found = estimated(scanned("wheel_hub_6", 5, 2), reference=taught("wheel_hub_6")[0])
+    assert error("wheel_hub_6", scanned("wheel_hub_6", 5, 2), found.pose) <= 0.001
+    assert found.diagnostics["reference_overlap"] < 0.8
+    assert any("taught" in warning for warning in found.warnings)
+
+
 @pytest.mark.parametrize("views", [5, 1])
-@pytest.mark.parametrize(("reference", "name"), [("propeller_3", "knob_3"), ("wheel_hub_6", "sprocket_6")])
+@pytest.mark.parametrize(("reference", "name"), [("propeller_3", "knob_3"), ("wheel_hub_5", "sprocket_6")])
 def test_another_part_is_refused(reference: str, name: str, views: int) -> None:
     with pytest.raises(NoSymmetryError, match="does not fit the reference") as refusal:
         estimated(scanned(name, views, 2), reference=taught(reference)[0])
@@ -100,7 +105,7 @@ def test_another_order_or_size_is_refused(part: Part, estimate: Estimate) -> Non
     reference = estimate.as_reference()
     with pytest.raises(NoSymmetryError, match="order 10, but the reference has 5"):
         sympose.estimate(part.points, order=10, viewpoints=part.viewpoint, reference=reference)
-    with pytest.raises(NoSymmetryError, match="radius is 1.5"):
+    with pytest.raises(NoSymmetryError, match="its radius is"):
         sympose.estimate(1.5 * part.points, viewpoints=1.5 * part.viewpoint, reference=reference)
 
 
@@ -168,9 +173,7 @@ def test_a_foreign_file_is_no_reference(tmp_path: Path, content: bytes) -> None:
         ("normals", [[0.0, 0.0, 0.0]] * 60),
     ],
 )
-def test_a_damaged_file_is_no_reference(
-    estimate: Estimate, tmp_path: Path, name: str, value: object
-) -> None:
+def test_a_damaged_file_is_no_reference(estimate: Estimate, tmp_path: Path, name: str, value: object) -> None:
     path = tmp_path / "part.json"
     estimate.as_reference().save(path)
     content = json.loads(path.read_text())
