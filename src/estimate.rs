@@ -1,5 +1,7 @@
 //! The pipeline, read top to bottom like the figure of the paper.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::cloud::PointCloud;
@@ -7,6 +9,7 @@ use crate::config::Config;
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
+use crate::reference::{ORIENTED, Reference, Scan};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -30,6 +33,8 @@ pub struct Request {
     pub initial: Option<Isometry3<f64>>,
     /// Among the equivalent poses return the one nearest to this `world_from_object`.
     pub prefer: Option<Isometry3<f64>>,
+    /// A taught part: the pose is found in its frame. Its order counts where the configuration leaves it open.
+    pub reference: Option<Arc<Reference>>,
 }
 
 /// A checked configuration, ready to estimate any number of clouds from any thread.
@@ -72,11 +77,22 @@ impl Estimator {
         self.estimate_with(cloud, &Request::default())
     }
 
-    /// [`Estimator::estimate`] with cancellation, progress, and a pose to start from or to prefer.
+    /// [`Estimator::estimate`] with cancellation, progress, a pose to start from or to prefer, and a taught part.
     ///
     /// # Errors
-    /// Those of [`Estimator::estimate`], and [`Error::Cancelled`] or [`Error::DeadlineExceeded`].
+    /// Those of [`Estimator::estimate`], and [`Error::Cancelled`] or [`Error::DeadlineExceeded`]. A scan that does not fit
+    /// the reference is an [`Error::NoSymmetry`], too.
     pub fn estimate_with(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
+        match &request.reference {
+            Some(reference) if self.config.order == Order::Auto => {
+                let config = Config { order: reference.order(), ..self.config.clone() };
+                Self { config }.on_threads(cloud, request)
+            }
+            _ => self.on_threads(cloud, request),
+        }
+    }
+
+    fn on_threads(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
         let Some(threads) = self.config.threads else { return self.run(cloud, request) };
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -106,7 +122,7 @@ impl Estimator {
             candidates = self.candidates(&prepared, &searched)?;
             settled = self.settle(&prepared, &candidates, control);
         }
-        let Settled { refined: found, order, score, detection, warnings } = settled?;
+        let Settled { refined: found, order, score, detection, mut warnings } = settled?;
         let refined = Samples {
             points: displaced(&surface.samples.points, &found),
             normals: surface.samples.normals.clone(),
@@ -128,6 +144,7 @@ impl Estimator {
         let height = origin.value;
         let heading = find_heading(&completion, &refined, &axis, order, config.yaw);
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
+        stages.flag(ORIENTED, surface.oriented);
         stages.number("coverage", completion.coverage);
         stages.series("outcomes", &score.counts());
         stages.number("sigma", found.sigma);
@@ -142,7 +159,6 @@ impl Estimator {
 
         let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);
         let local_from_object = place(&axis, height, heading.angle, order, preferred);
-        let world_from_object = prepared.world_from_local * local_from_object;
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let (covariance, unobservable) = pose_covariance(
             &found.sandwich,
@@ -152,11 +168,26 @@ impl Estimator {
             height,
             along,
         );
+        let mut framed = Framed { local_from_object, covariance, unobservable };
+        if let Some(reference) = &request.reference {
+            stages.begin("register")?;
+            let visibility = prepared.visibility.as_ref();
+            let scan = Scan {
+                samples: &refined,
+                surface,
+                visibility,
+                scan_from_object: local_from_object,
+                order,
+                preferred,
+            };
+            framed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
+        }
+        let Framed { local_from_object, covariance, unobservable } = framed;
         let match_curve = self.match_curve(&prepared, &axis);
         let world = |p: &Vector3<f64>| (prepared.world_from_local * Point3::from(*p)).coords.into();
         let (timings, diagnostics) = stages.finish();
         Ok(Estimate {
-            world_from_object,
+            world_from_object: prepared.world_from_local * local_from_object,
             order,
             score: score.trust(surface.oriented),
             explained: detection.explained,
@@ -312,6 +343,43 @@ struct Settled {
     score: MatchScore,
     detection: Detection,
     warnings: Vec<String>,
+}
+
+/// A pose with what is known of it.
+struct Framed {
+    local_from_object: Isometry3<f64>,
+    covariance: [[f64; 6]; 6],
+    unobservable: Vec<FreeDirection>,
+}
+
+/// The pose in the frame of the reference; refused when the scan shows another part.
+fn register(
+    reference: &Reference,
+    scan: &Scan,
+    prepared: &Prepared,
+    detection: &Detection,
+    stages: &mut Stages,
+    warnings: &mut Vec<String>,
+    control: &Control,
+) -> Result<Framed> {
+    let registered = reference.register(scan, control)?;
+    stages.number("reference_overlap", registered.overlap);
+    stages.number("reference_sigma", registered.sigma);
+    let local_from_object = registered.scan_from_object;
+    if let Some(reason) = registered.misfit {
+        let world_from_object = prepared.world_from_local * local_from_object;
+        let evidence = Evidence {
+            axis: (world_from_object * Vector3::z()).into(),
+            center: world_from_object.translation.vector.into(),
+            explained: detection.explained,
+            score: registered.overlap,
+            reason,
+        };
+        return Err(Error::NoSymmetry { evidence });
+    }
+    let (covariance, unobservable) = (registered.covariance, registered.unobservable);
+    warnings.extend(registered.warnings);
+    Ok(Framed { local_from_object, covariance, unobservable })
 }
 
 /// The pose on `axis`; of the equivalent ones the one nearest in rotation to `preferred`, if there is one.

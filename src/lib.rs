@@ -43,7 +43,7 @@
 //! # Parts
 //!
 //! [`Estimator`] runs the whole way from a cloud to an [`Estimate`]; a [`Request`] adds cancellation, a deadline, progress,
-//! a pose to start from and one to prefer. Each stage also works alone: the filters, planes, clusters and normals of
+//! a pose to start from and one to prefer, and a [`Reference`] in whose frame the pose is wanted. Each stage also works alone: the filters, planes, clusters and normals of
 //! [`preprocess`], the nearest neighbours of [`spatial`], the axis and its evidence in [`symmetry`], the errors of a pose
 //! in [`metrics`]. An [`Estimate`] serialises to the JSON that [`schema`] describes.
 //!
@@ -67,6 +67,7 @@ mod prepare;
 pub mod preprocess;
 #[cfg(feature = "python")]
 mod python;
+pub mod reference;
 pub mod result;
 pub mod schema;
 pub mod spatial;
@@ -78,6 +79,7 @@ pub use control::{CancelToken, Control};
 pub use error::{Error, Result};
 pub use estimate::{Estimate, Estimator, Request};
 pub use nalgebra;
+pub use reference::Reference;
 pub use symmetry::order::Order;
 
 /// The example of the README, compiled and run with the other ones.

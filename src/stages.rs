@@ -17,8 +17,18 @@ pub(crate) struct Stages<'a> {
 
 impl<'a> Stages<'a> {
     /// The stages in the order in which they run.
-    const NAMES: [&'static str; 9] =
-        ["input", "ground", "downsample", "outliers", "normals", "propose", "refine", "complete", "orient"];
+    const NAMES: [&'static str; 10] = [
+        "input",
+        "ground",
+        "downsample",
+        "outliers",
+        "normals",
+        "propose",
+        "refine",
+        "complete",
+        "orient",
+        "register",
+    ];
 
     pub(crate) fn new(control: &'a Control) -> Self {
         Self { control, running: None, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
@@ -40,6 +50,10 @@ impl<'a> Stages<'a> {
 
     pub(crate) fn number(&mut self, name: &str, value: f64) {
         self.diagnostics.insert(name.to_owned(), Diagnostic::Number(value));
+    }
+
+    pub(crate) fn flag(&mut self, name: &str, value: bool) {
+        self.diagnostics.insert(name.to_owned(), Diagnostic::Flag(value));
     }
 
     pub(crate) fn series(&mut self, name: &str, values: &[f64]) {

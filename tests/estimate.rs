@@ -1,10 +1,13 @@
 //! The whole pipeline on analytic parts: pose, order, invariance, determinism, and what is refused.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 use std::time::Duration;
 
 use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use sympose::{CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Request};
+use sympose::{
+    CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Reference, Request,
+};
 
 /// A lobed knob with a dished top, seen all round: points about the z axis, lobes of `order` (0: none).
 fn knob(order: u32, count: usize) -> Vec<[f64; 3]> {
@@ -161,6 +164,34 @@ fn the_preferred_pose_chooses_among_the_equivalent_ones() {
         let chosen = estimator.estimate_with(&cloud, &request).unwrap().world_from_object;
         assert!((chosen.rotation.angle_to(&prefer.rotation) - 0.2).abs() < 1e-6);
     }
+}
+
+#[test]
+fn the_taught_frame_is_found_in_the_next_scan() {
+    let first = estimate(moved(&knob(5, 20_000), &tilted(), 1.0), cyclic(5)).unwrap();
+    let frame = tilted().inverse() * first.world_from_object;
+    let reference = Reference::from_estimate(&first).unwrap();
+    let stored = serde_json::to_string(&reference).unwrap();
+    let read: Reference = serde_json::from_str(&stored).unwrap();
+    let request = |reference| Request { reference: Some(Arc::new(reference)), ..Request::default() };
+    let [kept, read] = [request(reference), request(read)];
+
+    // Another pose and other points: the frame differs by a multiple of 72 degrees only.
+    let truth = tilted().inverse();
+    let cloud = PointCloud::from_points(moved(&knob(5, 23_000), &truth, 1.0)).unwrap();
+    let estimator = Estimator::new(Config::default()).unwrap();
+    let found = estimator.estimate_with(&cloud, &kept).unwrap();
+    assert_eq!(found.order, Order::Cyclic(5));
+    let apart = frame.inverse() * truth.inverse() * found.world_from_object;
+    let x = apart * Vector3::x();
+    let turn = (5.0 * x.y.atan2(x.x)).sin().asin() / 5.0;
+    assert!(apart.translation.vector.norm() < 5e-4 && turn.abs() < 1e-3, "{apart}");
+    assert!((apart * Vector3::z()).z > 0.999_999);
+    let again = estimator.estimate_with(&cloud, &read).unwrap();
+    assert_eq!(found.world_from_object, again.world_from_object);
+
+    let other = PointCloud::from_points(moved(&knob(7, 20_000), &truth, 1.0)).unwrap();
+    assert!(matches!(estimator.estimate_with(&other, &kept), Err(Error::NoSymmetry { .. })));
 }
 
 #[test]

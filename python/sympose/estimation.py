@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sympose import _core
-from sympose._core import Estimate
+from sympose._core import Estimate, Reference
 from sympose.arrays import as_points
 from sympose.camera import View
 from sympose.config import Config
@@ -45,7 +45,7 @@ def estimate(
     roi: ArrayLike | None = None,
     axis_hint: ArrayLike | None = None,
     initial: Estimate | ArrayLike | None = None,
-    reference: object = None,
+    reference: Reference | None = None,
     prefer: ArrayLike | None = None,
     config: Config | None = None,
     seed: int = 0,
@@ -68,7 +68,8 @@ def estimate(
         axis_hint: (3,) rough axis, sign ignored; the search stays within 30 degrees of it.
         initial: Pose to start from, (4, 4) or an earlier estimate: for tracking. It is refined; only if that
             fails is the axis searched.
-        reference: Reserved; this version has none.
+        reference: A taught part, from `Estimate.as_reference`: the pose is found in its frame, which fixes
+            the origin along the axis and the turn about it. Its order counts where none is given.
         prefer: (4, 4); among equivalent poses the one nearest to this is returned.
         config: All other settings. An argument given here wins over the same setting in `config`.
         seed: Seed of everything random; 0 leaves that of `config`.
@@ -83,14 +84,15 @@ def estimate(
     Raises:
         InvalidInputError: An argument or the file is wrong; the message says what was found.
         InsufficientDataError: Too few points, or points that span no surface.
-        NoSymmetryError: No axis explains the cloud; `evidence` says how good the best one was.
+        NoSymmetryError: No axis explains the cloud; `evidence` says how good the best one was. Or the scan
+            does not fit the reference.
         DeadlineExceededError: The timeout passed.
         OSError: The file cannot be read.
     """
     if not isinstance(config, (Config, type(None))):
         raise InvalidInputError(f"config must be a sympose.Config, got {type(config).__name__}")
-    if reference is not None:
-        raise InvalidInputError("reference: not available in this version")
+    if not isinstance(reference, (Reference, type(None))):
+        raise InvalidInputError(f"reference must be a sympose.Reference, got {type(reference).__name__}")
     given = {"order": order, "seed": seed or None, "threads": threads, "roi": roi, "axis_hint": axis_hint}
     changes = {name: value for name, value in given.items() if value is not None}
     settings = (config or Config()).replace(**changes)
@@ -111,6 +113,7 @@ def estimate(
         foreground=foreground,
         initial=initial.pose if isinstance(initial, Estimate) else initial,
         prefer=prefer,
+        reference=reference,
         timeout=timeout,
         progress=progress,
         warnings=warnings,

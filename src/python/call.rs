@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 
 use super::estimate::PyEstimate;
 use super::input::Input;
+use super::reference::PyReference;
 use super::{arrays, config, errors, pool};
 use crate::control::{CancelToken, Control};
 use crate::error::Result;
@@ -26,13 +27,14 @@ const SIGNAL_INTERVAL: Duration = Duration::from_millis(30);
 ///     foreground: (N,) bool, or None: the rest is left out, but `inliers` still index all points.
 ///     initial: (4, 4), or None.
 ///     prefer: (4, 4), or None.
+///     reference: The taught part, or None.
 ///     timeout: Seconds, or None.
 ///     progress: Called with the stage and the share that is done, in the calling thread.
 ///     warnings: Put before those of the estimate.
 #[pyfunction]
 #[pyo3(signature = (
-    points, *, config, viewpoints=None, normals=None, foreground=None, initial=None, prefer=None, timeout=None,
-    progress=None, warnings=Vec::new()
+    points, *, config, viewpoints=None, normals=None, foreground=None, initial=None, prefer=None, reference=None,
+    timeout=None, progress=None, warnings=Vec::new()
 ))]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
 pub(super) fn estimate(
@@ -44,6 +46,7 @@ pub(super) fn estimate(
     foreground: Option<&Bound<'_, PyAny>>,
     initial: Option<&Bound<'_, PyAny>>,
     prefer: Option<&Bound<'_, PyAny>>,
+    reference: Option<&Bound<'_, PyReference>>,
     timeout: Option<f64>,
     progress: Option<Py<PyAny>>,
     warnings: Vec<String>,
@@ -55,6 +58,7 @@ pub(super) fn estimate(
     let input = Input::new(points, viewpoints, normals, foreground)?;
     let initial = initial.map(|value| arrays::isometry(value, "initial")).transpose()?;
     let prefer = prefer.map(|value| arrays::isometry(value, "prefer")).transpose()?;
+    let reference = reference.map(|taught| taught.get().share());
     let mut config = config::parse(py, config)?;
     // The global pool of rayon does not survive a fork, so that every call has one of its own.
     config.threads = config.threads.or_else(|| Some(pool::all_cores()));
@@ -62,7 +66,8 @@ pub(super) fn estimate(
     let mut estimate = interruptible(py, control, progress, move |control| {
         let estimator = Estimator::new(config)?;
         let (cloud, rows) = input.into_cloud()?;
-        let mut estimate = estimator.estimate_with(&cloud, &Request { control, initial, prefer })?;
+        let mut estimate =
+            estimator.estimate_with(&cloud, &Request { control, initial, prefer, reference })?;
         if let Some(rows) = rows {
             estimate.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
         }

@@ -8,9 +8,11 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyMappingProxy, PyTuple, PyType};
 use serde::Serialize;
 
-use super::{arrays, errors, json};
+use super::reference::PyReference;
+use super::{arrays, errors, json, pool};
 use crate::error::Error;
 use crate::estimate::{Candidate, Estimate};
+use crate::reference::Reference;
 use crate::symmetry::order::Order;
 
 /// The pose of a part, how far to trust it, and what was done to find it. All arrays are read-only.
@@ -250,6 +252,21 @@ impl PyEstimate {
         symmetries.set_item("symmetries_discrete", discrete)?;
         symmetries.set_item("symmetries_continuous", continuous)?;
         Ok(symmetries)
+    }
+
+    /// Make the reference of the part: later scans are posed in the frame of this estimate.
+    ///
+    /// Returns:
+    ///     A `Reference` for `sympose.estimate(scan, reference=...)`.
+    ///
+    /// Raises:
+    ///     InsufficientDataError: The estimate was stored without its points.
+    ///
+    /// Example:
+    ///     >>> taught = sympose.estimate("first.ply", order=5).as_reference()  # doctest: +SKIP
+    ///     >>> sympose.estimate("next.ply", reference=taught).pose  # doctest: +SKIP
+    fn as_reference(&self, py: Python<'_>) -> PyResult<PyReference> {
+        pool::run(py, || Reference::from_estimate(&self.estimate)).map(PyReference::new)
     }
 
     /// Return the estimate as a dict of plain Python values: the JSON schema, with these names.

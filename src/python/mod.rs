@@ -13,6 +13,7 @@ mod json;
 mod kd_tree;
 mod metrics;
 mod pool;
+mod reference;
 mod stages;
 
 use pyo3::prelude::*;
@@ -36,6 +37,8 @@ mod _core {
     use super::kd_tree::PyKdTree;
     #[pymodule_export]
     use super::metrics::{adds, mssd};
+    #[pymodule_export]
+    use super::reference::PyReference;
     #[pymodule_export]
     use super::stages::{
         estimate_normals, remove_radius_outliers, remove_statistical_outliers, segment_plane,

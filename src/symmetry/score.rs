@@ -86,7 +86,7 @@ impl MatchScore {
         [self.matched, self.contradicted, self.missing, self.hidden].map(|n| n as f64)
     }
 
-    fn count(mut self, outcome: Outcome) -> Self {
+    pub(crate) fn count(mut self, outcome: Outcome) -> Self {
         match outcome {
             Outcome::Matched => self.matched += 1,
             Outcome::Contradicted => self.contradicted += 1,

@@ -1,0 +1,203 @@
+"""Teach once: the frame of the first scan is found again in the next ones."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("trimesh")
+pytest.importorskip("manifold3d")
+pytest.importorskip("embreex")
+
+import sympose
+from conftest import ORDER, Part, make_part
+from sympose import Estimate, InvalidInputError, NoSymmetryError, Reference
+from sympose.datasets import Scan, part, scan
+from sympose.evaluation.reference import about_z, reference_of
+from sympose.metrics import mssd
+
+PARTS = ("propeller_3", "wheel_hub_5", "can")
+
+
+@lru_cache
+def scanned(name: str, views: int, seed: int) -> Scan:
+    return scan(part(name), "sphere", views=views, seed=seed)
+
+
+def estimated(one: Scan, **arguments: object) -> Estimate:
+    points, viewpoints = one.scene.points, one.scene.viewpoints
+    return sympose.estimate(points, viewpoints=viewpoints, **arguments)  # type: ignore[arg-type]
+
+
+@lru_cache
+def taught(name: str) -> tuple[Reference, NDArray[np.float64]]:
+    """The reference, and the frame that it was taught in the frame of the mesh."""
+    one = scanned(name, 5, 1)
+    first = estimated(one, order=part(name).order)
+    return first.as_reference(), np.linalg.inv(one.world_from_object) @ first.pose
+
+
+def error(name: str, one: Scan, pose: NDArray[np.float64]) -> float:
+    """MSSD between the taught frame in this scan and where it truly is [diameters]."""
+    truth = reference_of(part(name))
+    world_from_object = one.world_from_object @ truth.mesh_from_object
+    found = pose @ np.linalg.inv(taught(name)[1]) @ truth.mesh_from_object
+    symmetries = truth.symmetries
+    if one.order == "continuous":
+        # Any angle will do: the nearest one.
+        apart = np.linalg.inv(world_from_object) @ found
+        symmetries = about_z(float(np.arctan2(apart[1, 0] - apart[0, 1], apart[0, 0] + apart[1, 1])))[None]
+    return mssd(truth.points, found, world_from_object, symmetries) / one.diameter
+
+
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize(("views", "seed"), [(5, 2), (1, 3)])
+def test_the_taught_frame_is_found_again(name: str, views: int, seed: int) -> None:
+    one = scanned(name, views, seed)
+    found = estimated(one, reference=taught(name)[0])
+    assert error(name, one, found.pose) <= 0.001
+    assert found.order == part(name).order
+    assert found.diagnostics["reference_overlap"] > 0.8
+    assert 0.0 < found.diagnostics["reference_sigma"] < 0.003
+    covariance = found.covariance
+    if found.order == "continuous":
+        assert "yaw" in found.unobservable
+        assert np.isinf(covariance[2, 2])
+        assert not np.delete(covariance[2], 2).any()
+    else:
+        assert found.unobservable == ()
+        assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+
+def test_a_scan_that_does_not_tell_the_turn_says_so() -> None:
+    # Past the rim of this wheel the camera sees no spoke.
+    found = estimated(scanned("wheel_hub_5", 1, 2), reference=taught("wheel_hub_5")[0])
+    assert found.unobservable == ("yaw",)
+    assert np.isinf(found.covariance[2, 2])
+    assert any("yaw" in warning for warning in found.warnings)
+
+
+def test_a_reference_taught_from_one_side_is_found_and_warned_of() -> None:
+    # All five views of this scan stand above the part, three of the next one below.
+    found = estimated(scanned("wheel_hub_6", 5, 2), reference=taught("wheel_hub_6")[0])
+    assert error("wheel_hub_6", scanned("wheel_hub_6", 5, 2), found.pose) <= 0.001
+    assert found.diagnostics["reference_overlap"] < 0.8
+    assert any("taught" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("views", [5, 1])
+@pytest.mark.parametrize(("reference", "name"), [("propeller_3", "knob_3"), ("wheel_hub_5", "sprocket_6")])
+def test_another_part_is_refused(reference: str, name: str, views: int) -> None:
+    with pytest.raises(NoSymmetryError, match="does not fit the reference") as refusal:
+        estimated(scanned(name, views, 2), reference=taught(reference)[0])
+    evidence = refusal.value.evidence
+    assert isinstance(evidence, dict)
+    assert "reference" in evidence["reason"]
+
+
+def test_another_order_or_size_is_refused(part: Part, estimate: Estimate) -> None:
+    reference = estimate.as_reference()
+    with pytest.raises(NoSymmetryError, match="order 10, but the reference has 5"):
+        sympose.estimate(part.points, order=10, viewpoints=part.viewpoint, reference=reference)
+    with pytest.raises(NoSymmetryError, match="its radius is"):
+        sympose.estimate(1.5 * part.points, viewpoints=1.5 * part.viewpoint, reference=reference)
+
+
+def test_files_and_pickles_find_the_same_pose(part: Part, estimate: Estimate, tmp_path: Path) -> None:
+    reference = estimate.as_reference()
+    path = tmp_path / "part.json"
+    reference.save(path)
+    later = make_part(seed=2)
+    poses = [
+        sympose.estimate(later.points, viewpoints=later.viewpoint, reference=one).pose
+        for one in (reference, Reference.load(str(path)), pickle.loads(pickle.dumps(reference)))
+    ]
+    assert np.array_equal(poses[0], poses[1])
+    assert np.array_equal(poses[0], poses[2])
+    assert path.stat().st_size < 1_000_000
+    assert "\n" not in repr(reference)
+    assert "order=5" in repr(reference)
+
+
+def test_a_reference_shows_what_it_holds(estimate: Estimate) -> None:
+    reference = estimate.as_reference()
+    assert reference.order == ORDER
+    assert reference.diameter == pytest.approx(1.0, rel=0.1)
+    assert reference.points.shape == reference.normals.shape
+    assert 50 <= len(reference.points) <= 60_000
+    assert np.allclose(np.linalg.norm(reference.normals, axis=1), 1.0)
+    assert not reference.points.flags.writeable
+
+
+def test_the_preferred_pose_chooses_among_the_equivalent_ones(part: Part, estimate: Estimate) -> None:
+    reference = estimate.as_reference()
+    for equivalent in estimate.equivalent_poses():
+        prefer = equivalent @ about_z(0.2)
+        pose = sympose.estimate(
+            part.points, viewpoints=part.viewpoint, reference=reference, prefer=prefer
+        ).pose
+        assert np.allclose(pose, equivalent, atol=2e-3)
+
+
+def test_without_viewpoints_it_is_found_too(part: Part) -> None:
+    reference = sympose.estimate(part.points, order=ORDER).as_reference()
+    later = make_part(seed=2)
+    pose = sympose.estimate(later.points, reference=reference).pose
+    assert np.degrees(np.arccos(abs(pose[:3, 2] @ later.axis))) < 0.5
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"schema_version": 9}', b"\xff\xfe", b"ply\n"])
+def test_a_foreign_file_is_no_reference(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "part.json"
+    path.write_bytes(content)
+    with pytest.raises(InvalidInputError, match=r"part\.json"):
+        Reference.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("schema_version", 2),
+        ("order", "auto"),
+        ("order", 1),
+        ("cell", 0.0),
+        ("cell", 1e-12),
+        ("points", []),
+        ("points", [[1e39, 0.0, 0.0]] * 60),
+        ("normals", [[0.0, 0.0, 0.0]] * 60),
+    ],
+)
+def test_a_damaged_file_is_no_reference(estimate: Estimate, tmp_path: Path, name: str, value: object) -> None:
+    path = tmp_path / "part.json"
+    estimate.as_reference().save(path)
+    content = json.loads(path.read_text())
+    assert name in content
+    path.write_text(json.dumps(content | {name: value}))
+    with pytest.raises(InvalidInputError, match=r"part\.json"):
+        Reference.load(path)
+
+
+def test_files_that_cannot_be_used(estimate: Estimate, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="nothing"):
+        Reference.load(tmp_path / "nothing.json")
+    with pytest.raises(IsADirectoryError):
+        estimate.as_reference().save(tmp_path)
+    path = tmp_path / "cut.json"
+    estimate.as_reference().save(path)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(InvalidInputError, match=r"cut\.json"):
+        Reference.load(path)
+
+
+def test_what_is_no_reference(part: Part, estimate: Estimate) -> None:
+    with pytest.raises(InvalidInputError, match="reference must be"):
+        sympose.estimate(part.points, reference=estimate)  # type: ignore[arg-type]
+    bare = estimate.to_dict() | {"points": [], "normals": []}
+    with pytest.raises(sympose.InsufficientDataError, match="reference"):
+        Estimate.from_json(json.dumps(bare)).as_reference()
