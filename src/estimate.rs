@@ -248,6 +248,7 @@ impl Estimator {
         let surface = &prepared.surface;
         let declared = self.config.order;
         let mut refusal = None;
+        let mut best: Option<Settled> = None;
         for candidate in candidates.iter().take(TRIED) {
             // Where no order is known yet, turns of the continuous group align whatever there is.
             let start = candidate.order.unwrap_or(Order::Continuous);
@@ -272,9 +273,16 @@ impl Estimator {
             if declared == Order::Auto && !surface.oriented {
                 warnings.push(UNSEEN.to_owned());
             }
-            return Ok(Settled { refined, order, score, detection, warnings });
+            let trust = score.trust(surface.oriented);
+            if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
+                best = Some(Settled { refined, order, score, detection, warnings });
+            }
+            // Where the first axis is not to be trusted, the next one of the search may be.
+            if trust >= TRACKED {
+                break;
+            }
         }
-        Err(no_symmetry(prepared, refusal))
+        best.ok_or_else(|| no_symmetry(prepared, refusal))
     }
 
     fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
@@ -333,7 +341,7 @@ const DETECTION_GATE: f64 = 2.5;
 /// Remark on an order that was found without knowing what was seen from where.
 const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
 
-/// Score below which a pose that was tracked counts as lost.
+/// Score below which a pose counts as lost, and the search goes on.
 const TRACKED: f64 = 0.5;
 
 /// An axis with the order that holds about it.

@@ -186,8 +186,9 @@ pub fn align(
             let solved = minimize(&problem, Unknowns { axis, offsets: Vec::new() }, 1)?;
             let moved = solved.param.axis.recentered(&centroid);
             let motion = Motion::between(&axis, &moved, radius);
-            let ratio = before.and_then(|before| motion.ratio(&before));
-            if let Some(ratio) = ratio.filter(|_| last) {
+            // Under a wide gate the first steps are large and say little about the next ones.
+            let ratio = before.filter(|_| last).and_then(|before| motion.ratio(&before));
+            if let Some(ratio) = ratio {
                 refined.gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
             }
             // Aitken's extrapolation to where ever shorter steps would end.
