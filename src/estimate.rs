@@ -16,6 +16,7 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::{axis_frame, complete};
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::detect::{Detection, detect_order};
+use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
 use crate::symmetry::propose::Proposal;
@@ -129,20 +130,18 @@ impl Estimator {
         };
 
         stages.begin("complete")?;
-        let completion = complete(&refined, &found.axis, order, prepared.voxel_size);
+        let folded = fold(&refined, &found.axis, order, prepared.voxel_size);
+        let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
+        let (axis, sign_rule) = decide_sign(&found.axis, up, prepared.toward_sensors, &folded);
+        let folded =
+            if axis == found.axis { folded } else { fold(&refined, &axis, order, prepared.voxel_size) };
+        let completion = complete(&refined.points, &axis, order, prepared.voxel_size);
 
         stages.begin("orient")?;
-        let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
-        let (axis, sign_rule) = decide_sign(&found.axis, up, prepared.toward_sensors, &completion);
-        let completion = if axis == found.axis {
-            completion
-        } else {
-            complete(&refined, &axis, order, prepared.voxel_size)
-        };
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
-        let origin = origin_height(&completion, config.origin, base, surface.oriented);
+        let origin = origin_height(&folded, config.origin, base, surface.oriented);
         let height = origin.value;
-        let heading = find_heading(&completion, &refined, &axis, order, config.yaw);
+        let heading = find_heading(&folded, order, config.yaw);
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.flag(ORIENTED, surface.oriented);
         stages.number("coverage", completion.coverage);
@@ -297,6 +296,9 @@ impl Estimator {
         let turns = Turns::half(order, params.max_turns);
         let last_gate = params.gate * surface.spacing;
         let coarse = surface.samples.strided(COARSE);
+        // The last digits of the search are noise, and different ones lead to slightly different ends: without them, two
+        // clouds that differ by a rounding error almost always go the same way.
+        let start = start.rounded(&surface.centroid, surface.radius, START_STEPS);
         let near =
             align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
@@ -331,6 +333,9 @@ impl Estimator {
 
 /// Points on which the final axis is judged.
 const JUDGED: usize = 4000;
+
+/// Steps of a radian, and of the radius of the part, to which the start of the refinement is rounded.
+const START_STEPS: f64 = 512.0;
 
 /// Points on which the axis is aligned before all are used.
 const COARSE: usize = 4000;

@@ -47,6 +47,15 @@ impl Axis {
         Self { direction: self.direction, point: self.project(center) }
     }
 
+    /// The line with its last digits dropped: held near `center`, on a lattice with steps of a part in `steps`, of a radian
+    /// or of `radius` \[length\].
+    #[must_use]
+    pub fn rounded(&self, center: &Vector3<f64>, radius: f64, steps: f64) -> Self {
+        let direction = self.direction.map(|x| (x * steps).round() / steps);
+        let foot = (self.project(center) - center).map(|x| (x / radius * steps).round() / steps * radius);
+        Self { direction: Unit::new_normalize(direction), point: center + foot }
+    }
+
     /// The point of the line nearest to `p`.
     #[must_use]
     pub fn project(&self, p: &Vector3<f64>) -> Vector3<f64> {

@@ -6,62 +6,78 @@
 //! it lies is not known. Between blades the lower edge is in sight, so the unseen side is put there; a ring without a
 //! gap is taken to reach down to the end of the part.
 
-use crate::symmetry::complete::{Completion, FoldedCell};
+use crate::symmetry::fold::{Folded, FoldedPoint};
 
 /// Rings from the axis to the rim.
 const RINGS: usize = 40;
 
-/// Share of a ring that must face one way for it to have no gap.
-const WITHOUT_GAP: f64 = 0.8;
+/// Share of a ring that faces one way: below the first it has gaps, above the second it has none.
+const GAP: [f64; 2] = [0.7, 0.9];
 
 /// Share of the missing area that is put in place; the rest was seen from elsewhere or is steep.
 const SHARE: f64 = 0.8;
 
-/// Cells of a ring beyond its edge, which noise has thrown there \[share\].
-const STRAY: f64 = 0.02;
+/// Area of a ring that makes its edge \[share\]; enough of it that noise does not.
+const EDGE: f64 = 0.04;
 
 /// Area and first moment along the axis of the surface that was not seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Unseen {
-    /// Area [squared cell edges].
+    /// Area [squared length].
     pub area: f64,
-    /// Area times height [squared cell edges times length].
+    /// Area times height [cubed length].
     pub moment: f64,
 }
 
-/// Finds the unseen surface of a completed part between its lower and upper end; the normals must point outward.
+/// Finds the unseen surface of a folded part between its lower and upper end; the normals must point outward.
 #[must_use]
-pub fn unseen(completion: &Completion, [lower, upper]: [f64; 2]) -> Unseen {
-    let rim = completion.cells.iter().map(FoldedCell::radius).fold(f64::MIN_POSITIVE, f64::max);
+pub fn unseen(folded: &Folded, [lower, upper]: [f64; 2]) -> Unseen {
+    let rim = folded.points.iter().map(|p| p.radius).fold(f64::MIN_POSITIVE, f64::max);
     let width = rim / RINGS as f64;
-    let mut rings: Vec<Vec<&FoldedCell>> = vec![Vec::new(); RINGS];
-    for cell in &completion.cells {
-        rings[((cell.radius() / width) as usize).min(RINGS - 1)].push(cell);
+    // A point counts in both rings whose middles it lies between, so that none decides by the ring it falls into.
+    let mut rings: Vec<Vec<(&FoldedPoint, f64)>> = vec![Vec::new(); RINGS];
+    for point in &folded.points {
+        let position = (point.radius / width - 0.5).clamp(0.0, (RINGS - 1) as f64);
+        let (inner, share) = (position as usize, position.fract());
+        rings[inner].push((point, (1.0 - share) * point.area));
+        if share > 0.0 {
+            rings[inner + 1].push((point, share * point.area));
+        }
     }
     let mut unseen = Unseen::default();
     for (i, ring) in rings.iter().enumerate() {
-        let flux: f64 = ring.iter().map(|c| c.area * c.slope).sum();
-        let facing: f64 = ring.iter().map(|c| c.area * (c.slope * flux.signum()).max(0.0)).sum();
-        let whole = std::f64::consts::TAU * (i as f64 + 0.5) * (width / completion.cell).powi(2);
-        let end = if facing >= WITHOUT_GAP * whole {
-            if flux > 0.0 { lower } else { upper }
-        } else {
-            let near = rings[i.saturating_sub(1)..(i + 2).min(RINGS)].concat();
-            edge(near, flux > 0.0)
-        };
+        let flux: f64 = ring.iter().map(|(p, area)| area * p.slope).sum();
+        let facing: f64 = ring.iter().map(|(p, area)| area * (p.slope * flux.signum()).max(0.0)).sum();
+        let whole = std::f64::consts::TAU * (i as f64 + 0.5) * width * width;
+        let full = ((facing / whole - GAP[0]) / (GAP[1] - GAP[0])).clamp(0.0, 1.0);
+        let end = if flux > 0.0 { lower } else { upper };
+        let height = full * end + (1.0 - full) * edge(ring, flux > 0.0);
         unseen.area += SHARE * flux.abs();
-        unseen.moment += SHARE * flux.abs() * end;
+        unseen.moment += SHARE * flux.abs() * height;
     }
     unseen
 }
 
-/// Lower or upper edge of some cells.
-fn edge(cells: Vec<&FoldedCell>, lower: bool) -> f64 {
-    let mut heights: Vec<f64> = cells.iter().map(|c| c.position.z).collect();
-    if heights.is_empty() {
-        return 0.0;
+/// Lower or upper edge of a ring.
+fn edge(ring: &[(&FoldedPoint, f64)], lower: bool) -> f64 {
+    let mut heights: Vec<(f64, f64)> = ring.iter().map(|(p, area)| (p.height, *area)).collect();
+    heights.sort_unstable_by(|a, b| if lower { a.0.total_cmp(&b.0) } else { b.0.total_cmp(&a.0) });
+    tail(&heights, EDGE * heights.iter().map(|(_, area)| area).sum::<f64>())
+}
+
+/// Mean of the first of some heights, those of as much area as `within`; each comes with its area.
+///
+/// A quantile would jump where a step has just that much area; a mean moves as little as the area does.
+#[must_use]
+pub fn tail(heights: &[(f64, f64)], within: f64) -> f64 {
+    let (mut sum, mut moment) = (0.0, 0.0);
+    for (height, area) in heights {
+        let area = area.min(within - sum);
+        sum += area;
+        moment += area * height;
+        if sum >= within {
+            break;
+        }
     }
-    let stray = (STRAY * heights.len() as f64) as usize;
-    let rank = if lower { stray } else { heights.len() - 1 - stray };
-    *heights.select_nth_unstable_by(rank, f64::total_cmp).1
+    if sum > 0.0 { moment / sum } else { 0.0 }
 }

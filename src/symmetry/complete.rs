@@ -9,42 +9,10 @@ use nalgebra::Vector3;
 
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
-use crate::symmetry::surface::Samples;
-
-/// A cell of the folded sector: everything measured there, in any sector.
-#[derive(Debug, Clone, Copy)]
-pub struct FoldedCell {
-    /// Mean position in the axis frame, turned into the first sector \[length\].
-    pub position: Vector3<f64>,
-    /// Surface that the cell stands for over all sectors [squared cell edges].
-    pub area: f64,
-    /// Mean component of the normals along the axis.
-    pub slope: f64,
-    /// Measured points in it.
-    pub count: u32,
-}
-
-impl FoldedCell {
-    /// Distance from the axis \[length\].
-    #[must_use]
-    pub fn radius(&self) -> f64 {
-        self.position.xy().norm()
-    }
-
-    /// Angle about the axis \[rad\].
-    #[must_use]
-    pub fn angle(&self) -> f64 {
-        self.position.y.atan2(self.position.x)
-    }
-}
 
 /// The completed part.
 #[derive(Debug, Clone, Default)]
 pub struct Completion {
-    /// Edge of a cell \[length\].
-    pub cell: f64,
-    /// One sector, folded.
-    pub cells: Vec<FoldedCell>,
     /// All sectors, in the frame of the surface.
     pub points: Vec<Vector3<f64>>,
     /// Sector that each point came from; 0: measured there.
@@ -66,7 +34,6 @@ struct Folded {
     key: (i32, i32, u32),
     sector: u32,
     position: Vector3<f64>,
-    normal: Vector3<f64>,
 }
 
 /// The polar grid of one ring of cells.
@@ -87,42 +54,29 @@ impl Ring {
             }
         }
     }
-
-    /// Area of one cell in all sectors together [squared cell edges].
-    fn area(&self, ring: i32) -> f64 {
-        TAU * (f64::from(ring) + 0.5) / f64::from(self.cells)
-    }
 }
 
-/// Completes `samples` about `axis` on a grid with edge `cell` \[length\].
+/// Completes `points` about `axis` on a grid with edge `cell` \[length\].
 #[must_use]
-pub fn complete(samples: &Samples, axis: &Axis, order: Order, cell: f64) -> Completion {
+pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Completion {
     let surface_from_axis = axis_frame(axis);
     let axis_from_surface = surface_from_axis.inverse();
-    let mut folded: Vec<Folded> = samples
-        .points
+    let mut folded: Vec<Folded> = points
         .iter()
-        .zip(&samples.normals)
-        .map(|(point, normal)| {
+        .map(|point| {
             let p = axis_from_surface.rotation * (point - axis.point);
-            let n = axis_from_surface.rotation * normal;
             let ring = (p.xy().norm() / cell) as i32;
             let grid = Ring::new(order, ring);
             let turn = (p.y.atan2(p.x) / TAU).rem_euclid(1.0) * f64::from(grid.sectors);
             let sector = (turn as u32).min(grid.sectors - 1);
             let column = (((turn - f64::from(sector)) * f64::from(grid.cells)) as u32).min(grid.cells - 1);
             let back = -TAU * f64::from(sector) / f64::from(grid.sectors);
-            Folded {
-                key: ((p.z / cell).floor() as i32, ring, column),
-                sector,
-                position: turned(&p, back),
-                normal: turned(&n, back),
-            }
+            Folded { key: ((p.z / cell).floor() as i32, ring, column), sector, position: turned(&p, back) }
         })
         .collect();
     folded.sort_by_key(|f| (f.key, f.sector));
 
-    let mut completion = Completion { cell, ..Completion::default() };
+    let mut completion = Completion::default();
     let mut measured = 0usize;
     for members in folded.chunk_by(|a, b| a.key == b.key) {
         let ring = members[0].key.1;
@@ -146,12 +100,6 @@ pub fn complete(samples: &Samples, axis: &Axis, order: Order, cell: f64) -> Comp
             });
             measured += usize::from(here.is_some());
         }
-        completion.cells.push(FoldedCell {
-            position: mean,
-            area: grid.area(ring) / obliqueness(members, &mean),
-            slope: members.iter().map(|f| f.normal.z).sum::<f64>() / members.len() as f64,
-            count: members.len() as u32,
-        });
     }
     completion.coverage = measured as f64 / completion.points.len().max(1) as f64;
     completion
@@ -159,17 +107,6 @@ pub fn complete(samples: &Samples, axis: &Axis, order: Order, cell: f64) -> Comp
 
 fn mean_position(members: &[Folded]) -> Vector3<f64> {
     members.iter().map(|f| f.position).sum::<Vector3<f64>>() / members.len() as f64
-}
-
-/// Cells that a unit of surface crosses, on average: a surface oblique to the grid fills more of them.
-fn obliqueness(members: &[Folded], mean: &Vector3<f64>) -> f64 {
-    let radial = Vector3::new(mean.x, mean.y, 0.0).try_normalize(1e-12).unwrap_or_else(Vector3::x);
-    let tangential = Vector3::new(-radial.y, radial.x, 0.0);
-    let sum: f64 = members
-        .iter()
-        .map(|f| f.normal.dot(&radial).abs() + f.normal.dot(&tangential).abs() + f.normal.z.abs())
-        .sum();
-    (sum / members.len() as f64).max(1.0)
 }
 
 fn turned(p: &Vector3<f64>, angle: f64) -> Vector3<f64> {

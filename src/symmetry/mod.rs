@@ -7,6 +7,7 @@ pub mod complete;
 pub mod covariance;
 pub mod detect;
 mod field;
+pub mod fold;
 pub mod order;
 pub mod orient;
 pub mod propose;

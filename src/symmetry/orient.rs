@@ -7,10 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{Origin, Yaw};
 use crate::symmetry::axis::Axis;
-use crate::symmetry::closure::{Unseen, unseen};
-use crate::symmetry::complete::{Completion, FoldedCell};
+use crate::symmetry::closure::{Unseen, tail, unseen};
+use crate::symmetry::fold::{Folded, FoldedPoint};
 use crate::symmetry::order::Order;
-use crate::symmetry::surface::Samples;
 
 /// Which rule decided the sign of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,11 +40,11 @@ pub fn decide_sign(
     axis: &Axis,
     up: Option<Vector3<f64>>,
     toward_sensors: Option<Vector3<f64>>,
-    completion: &Completion,
+    folded: &Folded,
 ) -> (Axis, SignRule) {
     let direction = axis.direction.into_inner();
     let along = |v: Vector3<f64>| v.dot(&direction);
-    let skewness = skewness(&completion.cells);
+    let skewness = skewness(folded);
     let (sign, rule) = match (up.map(along), toward_sensors.map(along)) {
         (Some(cosine), _) if cosine.abs() > DECISIVE_COSINE => (cosine, SignRule::Ground),
         (_, Some(cosine)) if cosine.abs() > DECISIVE_COSINE => (cosine, SignRule::Sensors),
@@ -56,23 +55,11 @@ pub fn decide_sign(
     (axis, rule)
 }
 
-fn skewness(cells: &[FoldedCell]) -> f64 {
-    let mean = centroid_height(cells);
-    let moment = |power: i32| {
-        let sum: f64 = cells.iter().map(|c| c.area * (c.position.z - mean).powi(power)).sum();
-        sum / area(cells)
-    };
+fn skewness(folded: &Folded) -> f64 {
+    let mean = folded.mean(|p| p.height);
+    let moment = |power: i32| folded.mean(|p| (p.height - mean).powi(power));
     let deviation = moment(2).sqrt();
     if deviation > 0.0 { moment(3) / deviation.powi(3) } else { 0.0 }
-}
-
-fn area(cells: &[FoldedCell]) -> f64 {
-    cells.iter().map(|c| c.area).sum::<f64>().max(f64::MIN_POSITIVE)
-}
-
-/// Height of the centroid of the completed surface above the point of the axis \[length\].
-fn centroid_height(cells: &[FoldedCell]) -> f64 {
-    cells.iter().map(|c| c.area * c.position.z).sum::<f64>() / area(cells)
 }
 
 /// Where the origin lies on the axis.
@@ -89,49 +76,39 @@ pub struct Height {
 /// `base` is the height at which the axis meets the support plane, where there is one. With `outward` normals the centroid
 /// takes the surface into account that no camera saw.
 #[must_use]
-pub fn origin_height(completion: &Completion, origin: Origin, base: Option<f64>, outward: bool) -> Height {
+pub fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward: bool) -> Height {
     /// Uncertainty of the unseen surface, as a share of what it changes.
     const TRUST: f64 = 0.7;
-    let cells = &completion.cells;
-    let [mut lower, mut upper] = ends(cells);
+    let [mut lower, mut upper] = ends(folded);
     if let Some(base) = base {
         // The part ends on its support, to whichever side of the axis point that is.
         if base < 0.5 * (lower + upper) { lower = base } else { upper = base }
     }
-    let area = area(cells);
-    let seen = centroid_height(cells);
-    let scatter = cells.iter().map(|c| (c.area * (c.position.z - seen)).powi(2)).sum::<f64>().sqrt() / area;
+    let area = folded.area();
+    let seen = folded.mean(|p| p.height);
+    let scatter =
+        folded.points.iter().map(|p| (p.area * (p.height - seen)).powi(2)).sum::<f64>().sqrt() / area;
     match origin {
         Origin::Centroid if outward => {
-            let Unseen { area: unseen_area, moment } = unseen(completion, [lower, upper]);
+            let Unseen { area: unseen_area, moment } = unseen(folded, [lower, upper]);
             let value = (seen * area + moment) / (area + unseen_area);
             Height { value, sigma: scatter.hypot(TRUST * (value - seen)) }
         }
         Origin::Centroid => Height { value: seen, sigma: scatter },
-        Origin::Base => Height { value: base.unwrap_or(lower), sigma: completion.cell },
-        Origin::Midpoint => Height { value: 0.5 * (lower + upper), sigma: completion.cell },
+        Origin::Base => Height { value: base.unwrap_or(lower), sigma: folded.cell },
+        Origin::Midpoint => Height { value: 0.5 * (lower + upper), sigma: folded.cell },
     }
 }
 
-/// Lowest and highest part of the surface: where half a percent of it lies beyond, so that no stray point decides.
-fn ends(cells: &[FoldedCell]) -> [f64; 2] {
-    const BEYOND: f64 = 0.005;
-    let mut heights: Vec<(f64, f64)> = cells.iter().map(|c| (c.position.z, c.area)).collect();
-    heights.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let limit = BEYOND * area(cells);
-    let reach = |heights: &mut dyn Iterator<Item = &(f64, f64)>| {
-        let mut beyond = 0.0;
-        let mut last = 0.0;
-        for (height, area) in heights {
-            last = *height;
-            beyond += area;
-            if beyond >= limit {
-                break;
-            }
-        }
-        last
-    };
-    [reach(&mut heights.iter()), reach(&mut heights.iter().rev())]
+/// Lowest and highest part of the surface: the mean of the last percent of it, so that no stray point decides.
+fn ends(folded: &Folded) -> [f64; 2] {
+    const LAST: f64 = 0.01;
+    let mut heights: Vec<(f64, f64)> = folded.points.iter().map(|p| (p.height, p.area)).collect();
+    heights.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let last = LAST * folded.area();
+    let lower = tail(&heights, last);
+    heights.reverse();
+    [lower, tail(&heights, last)]
 }
 
 /// Primary orientation about the axis.
@@ -139,7 +116,7 @@ fn ends(cells: &[FoldedCell]) -> [f64; 2] {
 pub struct Heading {
     /// Angle of +x from the first tangent of the axis \[rad\], one of n equivalent ones.
     pub angle: f64,
-    /// Standard deviation of the angle from the scatter of the cells \[rad\]; infinite when nothing fixes it.
+    /// Standard deviation of the angle from the scatter of the points \[rad\]; infinite when nothing fixes it.
     pub sigma: f64,
     /// Histogram of the completed surface over one full turn, from the first tangent.
     pub histogram: Vec<f64>,
@@ -153,21 +130,14 @@ const HISTOGRAM_BINS: f64 = 360.0;
 /// Among the n equivalent directions the one nearest to the bulk of the *measured* points is returned, which turns with
 /// the part and the sensor.
 #[must_use]
-pub fn find_heading(
-    completion: &Completion,
-    samples: &Samples,
-    axis: &Axis,
-    order: Order,
-    rule: Yaw,
-) -> Heading {
-    let [x, y] = axis.tangents();
-    let bulk: Vector3<f64> = samples.points.iter().map(|p| p - axis.point).sum();
-    let toward_bulk = bulk.dot(&y).atan2(bulk.dot(&x));
+pub fn find_heading(folded: &Folded, order: Order, rule: Yaw) -> Heading {
+    let bulk: Complex<f64> = folded.points.iter().map(|p| Complex::from_polar(p.radius, p.angle)).sum();
+    let toward_bulk = bulk.arg();
     let Order::Cyclic(n) = order else {
         return Heading { angle: toward_bulk, sigma: f64::INFINITY, histogram: Vec::new() };
     };
-    let histogram = angular_histogram(&completion.cells, n);
-    let harmonic = harmonic_phase(&completion.cells, n);
+    let histogram = angular_histogram(folded, n);
+    let harmonic = harmonic_phase(folded, n);
     let in_sector = match rule {
         Yaw::Harmonic => harmonic.0,
         Yaw::Histogram => histogram_peak(&histogram, n),
@@ -179,40 +149,63 @@ pub fn find_heading(
 
 /// Phase of the n-th angular Fourier coefficient [rad within a sector] and its standard deviation.
 ///
-/// Where the plain coefficient cancels (rows of teeth staggered by half a step), coefficients weighted by height or by
-/// radius still have a phase: the one that stands out most from its scatter is taken, the plain one with preference.
-fn harmonic_phase(cells: &[FoldedCell], n: u32) -> (f64, f64) {
-    const PREFERENCE: f64 = 3.0;
-    let mean_height = centroid_height(cells);
-    let mean_radius = cells.iter().map(|c| c.area * c.radius()).sum::<f64>() / area(cells);
-    let weights: [&dyn Fn(&FoldedCell) -> f64; 3] =
-        [&|c| c.radius(), &|c| c.radius() * (c.position.z - mean_height), &|c| {
-            c.radius() * (c.radius() - mean_radius)
-        }];
-    let mut best = (0.0, f64::INFINITY);
-    for (i, weight) in weights.iter().enumerate() {
-        let mut coefficient = Complex::new(0.0, 0.0);
-        let mut scatter = 0.0;
-        for cell in cells {
-            let w = weight(cell) * cell.area;
-            coefficient += Complex::from_polar(w, f64::from(n) * cell.angle());
-            scatter += w * w;
-        }
-        let deviation = (0.5 * scatter).sqrt() / coefficient.norm().max(f64::MIN_POSITIVE) / f64::from(n);
-        let penalty = if i == 0 { 1.0 } else { PREFERENCE };
-        if deviation * penalty < best.1 {
-            best = (coefficient.arg() / f64::from(n), deviation * penalty);
-        }
+/// The outline of the part, seen along the axis, is the same from whichever side a camera looks, and so is its phase.
+/// Where it has none (blades on a disk, grooves, rows of teeth staggered by half a step), the area of the surface
+/// decides: weighted by radius, or plain or by height where that agrees far better on a phase.
+fn harmonic_phase(folded: &Folded, n: u32) -> (f64, f64) {
+    /// Share of the outline that must agree on a phase.
+    const OUTLINED: f64 = 0.015;
+    /// How much better others must agree than the one that is preferred, so that chance does not choose.
+    const FAR_BETTER: f64 = 2.0;
+    let [mean_height, mean_radius] = [folded.mean(|p| p.height), folded.mean(|p| p.radius)];
+    let harmonic = |weight: &dyn Fn(&FoldedPoint) -> f64| Harmonic::new(folded, n, weight);
+    let outline = harmonic(&|p| p.radius * p.outline);
+    if outline.agreement > OUTLINED {
+        return (outline.phase, outline.sigma);
     }
-    best
+    let by_radius = harmonic(&|p| p.radius * p.area * (p.radius - mean_radius));
+    let plain = harmonic(&|p| p.radius * p.area);
+    let by_height = harmonic(&|p| p.radius * p.area * (p.height - mean_height));
+    let other = if plain.agreement > by_height.agreement { plain } else { by_height };
+    let chosen = if other.agreement > FAR_BETTER * by_radius.agreement { other } else { by_radius };
+    (chosen.phase, chosen.sigma)
 }
 
-fn angular_histogram(cells: &[FoldedCell], n: u32) -> Vec<f64> {
+/// The n-th Fourier coefficient of a weight.
+struct Harmonic {
+    /// Angle of its crest [rad within a sector].
+    phase: f64,
+    /// Standard deviation of the phase from the scatter of the points \[rad\].
+    sigma: f64,
+    /// Share of all weight that agrees on the phase.
+    agreement: f64,
+}
+
+impl Harmonic {
+    fn new(folded: &Folded, n: u32, weight: &dyn Fn(&FoldedPoint) -> f64) -> Self {
+        let mut coefficient = Complex::new(0.0_f64, 0.0);
+        let [mut scatter, mut sum] = [0.0, f64::MIN_POSITIVE];
+        for point in &folded.points {
+            let w = weight(point);
+            coefficient += Complex::from_polar(w, f64::from(n) * point.angle);
+            scatter += w * w;
+            sum += w.abs();
+        }
+        let size = coefficient.norm().max(f64::MIN_POSITIVE);
+        Self {
+            phase: coefficient.arg() / f64::from(n),
+            sigma: (0.5 * scatter).sqrt() / size / f64::from(n),
+            agreement: size / sum,
+        }
+    }
+}
+
+fn angular_histogram(folded: &Folded, n: u32) -> Vec<f64> {
     let per_sector = (HISTOGRAM_BINS / f64::from(n)).round().max(8.0) as usize;
     let mut sector = vec![0.0; per_sector];
-    for cell in cells {
-        let turn = (cell.angle() * f64::from(n) / TAU).rem_euclid(1.0);
-        sector[((turn * per_sector as f64) as usize).min(per_sector - 1)] += cell.area / f64::from(n);
+    for point in &folded.points {
+        let turn = (point.angle * f64::from(n) / TAU).rem_euclid(1.0);
+        sector[((turn * per_sector as f64) as usize).min(per_sector - 1)] += point.area / f64::from(n);
     }
     sector.repeat(n as usize)
 }

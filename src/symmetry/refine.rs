@@ -193,7 +193,8 @@ pub fn align(
             }
             // Aitken's extrapolation to where ever shorter steps would end.
             let ahead = ratio.map_or(0.0, |ratio| 1.0 / (1.0 - ratio).max(LEAST_GAIN) - 1.0);
-            let step = motion.length() * (1.0 + ahead);
+            // What is left when each round makes good only a share; an extrapolated step needs one more to say so.
+            let step = motion.length() / refined.gain;
             axis = motion.applied(&moved, ahead, radius).recentered(&centroid);
             // An extrapolated step says nothing about the pace.
             before = (ahead == 0.0).then_some(motion);
