@@ -1,0 +1,1 @@
+"""The parts of `compare_peers.py`: clouds, rows, and the peers' own way to a pose."""
