@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use super::{CHUNK, bounds, check_finite};
+use super::{CHUNK, finite_bounds};
 use crate::config::positive;
 use crate::error::{Error, Result};
 
@@ -33,8 +33,7 @@ impl Grid {
     /// Assigns every point to its cell; `name` is the parameter that `size` came from.
     pub(crate) fn new(points: &[[f64; 3]], size: f64, name: &'static str) -> Result<Self> {
         positive(name, size)?;
-        check_finite(points)?;
-        let [lower, upper] = if points.is_empty() { [[0.0; 3]; 2] } else { bounds(points) };
+        let [lower, upper] = finite_bounds(points)?;
         let origin: [f64; 3] = std::array::from_fn(|axis| lower[axis] - 0.5 * size);
         let extent = (0..3).map(|axis| upper[axis] - origin[axis]).fold(0.0, f64::max);
         let most = f64::from(1 << AXIS_BITS);
@@ -60,9 +59,7 @@ impl Grid {
             len: usize::from(!points.is_empty()),
             cell_of: vec![0; points.len()],
         };
-        let keys: Vec<u64> =
-            points.par_iter().with_min_len(CHUNK).map(|p| grid.interleave.key(grid.indices(p))).collect();
-        grid.number(&keys);
+        grid.number(points);
         Ok(grid)
     }
 
@@ -81,21 +78,29 @@ impl Grid {
         self.levels.iter().try_fold(0, |rank, level| level.find(level.code(rank, key)))
     }
 
-    fn number(&mut self, keys: &[u64]) {
+    fn number(&mut self, points: &[[f64; 3]]) {
         // One bit of the bitmap costs an eighth of a byte: 5 bits beyond log2(N) are 4 bytes a point.
-        let width = (bit_length(keys.len() as u64) + 5).clamp(12, 32);
+        let width = (bit_length(points.len() as u64) + 5).clamp(12, 32);
+        let mut cell_of = std::mem::take(&mut self.cell_of);
         let mut left = self.interleave.bits;
         while left > 0 && self.len > 0 {
             let known = bit_length(self.len as u64 - 1);
             let bits = left.min(width - known);
             left -= bits;
-            let level = Level::new(bits, left, self.len, &self.cell_of, keys);
-            self.len = level.marked();
-            self.cell_of.par_iter_mut().zip(keys).with_min_len(CHUNK).for_each(|(cell, &key)| {
-                *cell = level.rank(level.code(*cell, key));
+            let mut level = Level::new(bits, left, self.len);
+            let marks = level.marks();
+            cell_of.par_iter_mut().zip(points).with_min_len(CHUNK).for_each(|(cell, point)| {
+                // A code has at most `width` bits, so that it fits where the number of the cell will be.
+                let code = level.code(*cell, self.interleave.key(self.indices(point)));
+                marks.set(code);
+                *cell = code as u32;
             });
+            level.count(marks);
+            self.len = level.marked();
+            cell_of.par_iter_mut().with_min_len(CHUNK).for_each(|cell| *cell = level.rank(*cell as usize));
             self.levels.push(level);
         }
+        self.cell_of = cell_of;
     }
 }
 
@@ -169,7 +174,22 @@ impl Interleave {
 struct Level {
     bits: u32,
     shift: u32,
+    /// Cells found so far.
+    coarse: usize,
     words: Vec<Word>,
+}
+
+/// A bitmap that several threads mark.
+struct Marks(Vec<AtomicU64>);
+
+impl Marks {
+    fn set(&self, code: usize) {
+        let (word, mark) = (&self.0[code >> 6], 1 << (code & 63));
+        // Looking first keeps the cache line shared: most points fall in a cell that is marked already.
+        if word.load(Ordering::Relaxed) & mark == 0 {
+            word.fetch_or(mark, Ordering::Relaxed);
+        }
+    }
 }
 
 /// 64 marks, and the number of marks in all words before.
@@ -180,29 +200,24 @@ struct Word {
 }
 
 impl Level {
-    fn new(bits: u32, shift: u32, coarse: usize, cell_of: &[u32], keys: &[u64]) -> Self {
-        let mut level = Self { bits, shift, words: Vec::new() };
-        let length = (coarse << bits).div_ceil(64);
-        let marks: Vec<AtomicU64> = (0..length).map(|_| AtomicU64::new(0)).collect();
-        cell_of.par_iter().zip(keys).with_min_len(CHUNK).for_each(|(&cell, &key)| {
-            let code = level.code(cell, key);
-            let (word, mark) = (&marks[code >> 6], 1 << (code & 63));
-            // Looking first keeps the cache line shared: most points fall in a cell that is marked already.
-            if word.load(Ordering::Relaxed) & mark == 0 {
-                word.fetch_or(mark, Ordering::Relaxed);
-            }
-        });
+    fn new(bits: u32, shift: u32, coarse: usize) -> Self {
+        Self { bits, shift, coarse, words: Vec::new() }
+    }
+
+    /// A bitmap for the codes of this level, without marks.
+    fn marks(&self) -> Marks {
+        Marks((0..(self.coarse << self.bits).div_ceil(64)).map(|_| AtomicU64::new(0)).collect())
+    }
+
+    fn count(&mut self, marks: Marks) {
         let mut before = 0;
-        level.words = marks
-            .into_iter()
-            .map(|word| {
-                let marks = word.into_inner();
-                let word = Word { marks, before };
-                before += marks.count_ones();
-                word
-            })
-            .collect();
-        level
+        let word = |word: AtomicU64| {
+            let marks = word.into_inner();
+            let word = Word { marks, before };
+            before += marks.count_ones();
+            word
+        };
+        self.words = marks.0.into_iter().map(word).collect();
     }
 
     fn marked(&self) -> usize {

@@ -57,14 +57,23 @@ pub(crate) fn check_finite(points: &[[f64; 3]]) -> Result<()> {
     Err(Error::NonFinite { count, total: points.len() })
 }
 
-/// Lower and upper corner of the bounding box; the points must be finite and at least one.
-pub(crate) fn bounds(points: &[[f64; 3]]) -> [[f64; 3]; 2] {
+/// Lower and upper corner of the bounding box, zero for no points; fails unless every coordinate is finite.
+pub(crate) fn finite_bounds(points: &[[f64; 3]]) -> Result<[[f64; 3]; 2]> {
     let empty = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     let join = |a: [[f64; 3]; 2], b: [[f64; 3]; 2]| {
-        [std::array::from_fn(|i| a[0][i].min(b[0][i])), std::array::from_fn(|i| a[1][i].max(b[1][i]))]
+        let less = |x: f64, y: f64| if x < y { x } else { y };
+        let more = |x: f64, y: f64| if x > y { x } else { y };
+        [std::array::from_fn(|i| less(b[0][i], a[0][i])), std::array::from_fn(|i| more(b[1][i], a[1][i]))]
     };
-    points
-        .par_chunks(CHUNK)
-        .map(|chunk| chunk.iter().fold(empty, |b, p| join(b, [*p, *p])))
-        .reduce(|| empty, join)
+    // Both in one pass. A comparison with NaN is false, so that a bound steps over it, but the sum does not.
+    let chunk = |chunk: &[[f64; 3]]| {
+        let start = (empty, 0.0);
+        chunk.iter().fold(start, |(b, sum), p| (join(b, [*p, *p]), sum + (p[0] + p[1] + p[2]) * 0.0))
+    };
+    let both = |a: ([[f64; 3]; 2], f64), b: ([[f64; 3]; 2], f64)| (join(a.0, b.0), a.1 + b.1);
+    let (bounds, sum) = points.par_chunks(CHUNK).map(chunk).reduce(|| (empty, 0.0), both);
+    if sum != 0.0 {
+        check_finite(points)?;
+    }
+    Ok(if points.is_empty() { [[0.0; 3]; 2] } else { bounds })
 }

@@ -32,10 +32,12 @@ pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<V
 
 /// Refuses rows with a NaN or infinite coordinate.
 pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyResult<()> {
-    let bad = rows.iter().filter(|row| row.iter().any(|x| !x.is_finite())).count();
-    if bad == 0 {
+    // Without an early exit inside a chunk the test is a few vector instructions.
+    let finite = |chunk: &[f64]| chunk.iter().fold(true, |all, x| all & x.is_finite());
+    if rows.as_flattened().chunks(1024).all(finite) {
         return Ok(());
     }
+    let bad = rows.iter().filter(|row| row.iter().any(|x| !x.is_finite())).count();
     let message =
         format!("{bad} of {} rows of {name} have a NaN or infinite coordinate; remove them", rows.len());
     Err(errors::invalid_input(py, message))
