@@ -21,6 +21,8 @@ THREADS = 2
 # Before anything is imported that starts threads. Not every pool obeys a variable, but all obey the cores.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[_name] = str(THREADS)
+# Threads of OpenMP that spin on after a call would slow whoever is timed next.
+os.environ["OMP_WAIT_POLICY"], os.environ["KMP_BLOCKTIME"] = "passive", "0"
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:THREADS])
 

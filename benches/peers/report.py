@@ -23,8 +23,8 @@ _missing: dict[str, str] = {}
 _PEERS = ("open3d", "scipy", "scikit-learn", "small_gicp")
 
 HEAD = (
-    "| what | cloud | peer | ours [ms] | peer [ms] | measured | goal | met | results |\n"
-    "|---|---|---|---|---|---|---|---|---|"
+    "| what | cloud | peer | ours [ms] | peer [ms] | measured | CPU | goal | met | results |\n"
+    "|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -42,6 +42,7 @@ class Row:
         goal: Its bound, or None where there is none.
         at_most: The bound is an upper one.
         unit: Of `measured` and `goal`.
+        cpu: Ratio of the times of all processors, which other work on the machine disturbs less.
         agrees: The results are the same, up to what `results` says.
         results: How the results compare.
     """
@@ -55,6 +56,7 @@ class Row:
     goal: float | None = None
     at_most: bool = False
     unit: str = "x"
+    cpu: float | None = None
     agrees: bool = True
     results: str = ""
 
@@ -67,19 +69,25 @@ class Row:
 
 def alternate(
     calls: Mapping[str, Callable[[], Any]], repeats: int
-) -> tuple[dict[str, float], dict[str, Any]]:
-    """Median time of each call [ms], all of them called in turn, and their last results."""
+) -> tuple[dict[str, float], dict[str, float], dict[str, Any]]:
+    """Call all in turn: median time by the clock and of the processors [ms], and the last results."""
     results = {name: call() for name, call in calls.items()}  # warms caches and pools
     times: dict[str, list[float]] = {name: [] for name in calls}
+    busy: dict[str, list[float]] = {name: [] for name in calls}
     begun = time.perf_counter()
     for done in range(repeats):
         if done >= 3 and time.perf_counter() - begun > _BUDGET:
             break
         for name, call in calls.items():
-            start = time.perf_counter()
+            start, used = time.perf_counter(), time.process_time()
             results[name] = call()
             times[name].append(1e3 * (time.perf_counter() - start))
-    return {name: statistics.median(values) for name, values in times.items()}, results
+            busy[name].append(1e3 * (time.process_time() - used))
+    return _medians(times), _medians(busy), results
+
+
+def _medians(values: Mapping[str, list[float]]) -> dict[str, float]:
+    return {name: statistics.median(rows) for name, rows in values.items()}
 
 
 def library(name: str) -> Any | None:
@@ -107,7 +115,7 @@ def header() -> str:
             versions.append(f"{name} not installed")
     return (
         f"Two threads, {platform.machine()}, Python {platform.python_version()}; {', '.join(versions)}.\n"
-        "Measured: time of the peer over ours, unless there is a unit.\n"
+        "Measured: time of the peer over ours, unless there is a unit; CPU: the same, of all processors.\n"
     )
 
 
@@ -118,7 +126,8 @@ def line(row: Row) -> str:
     cells = [row.what, row.cloud, row.peer, _number(row.ours), _number(row.peer_ms)]
     measured = "" if row.measured is None else f"{_number(row.measured)} {row.unit}"
     results = row.results if row.agrees else f"**disagree**: {row.results}"
-    return f"| {' | '.join([*cells, measured, bound, met, results])} |"
+    cpu = "" if row.cpu is None else f"{_number(row.cpu)} x"
+    return f"| {' | '.join([*cells, measured, cpu, bound, met, results])} |"
 
 
 def write(rows: list[Row], folder: Path) -> None:

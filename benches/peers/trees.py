@@ -34,7 +34,7 @@ def rows(repeats: int) -> Iterator[Row]:
     ]:
         queries = points + np.random.default_rng(4).normal(0.0, 0.001, points.shape)
         for what, calls in _jobs(points, queries).items():
-            times, results = alternate(calls, repeats)
+            times, busy, results = alternate(calls, repeats)
             found[what, name] = times["sympose"]
             for peer, goal in _GOALS.items():
                 if peer not in calls:
@@ -50,6 +50,7 @@ def rows(repeats: int) -> Iterator[Row]:
                     times[peer],
                     times[peer] / times["sympose"],
                     goal,
+                    cpu=busy[peer] / busy["sympose"],
                     agrees=agrees,
                     results=text,
                 )

@@ -27,7 +27,7 @@ def estimate(repeats: int) -> Iterator[Row]:
         "unknown": lambda: sympose.estimate(scan.points, **data),
         "tracking": lambda: sympose.estimate(scan.points, order=clouds.ORDER, initial=before, **data),
     }
-    times, found = alternate(calls, repeats)
+    times, busy, found = alternate(calls, repeats)
     for case, goal in _GOALS_MS.items():
         off = _angle_deg(found[case].axis, scan.axis)
         agrees = off < _WORST_DEG and found[case].order == clouds.ORDER
@@ -41,7 +41,7 @@ def estimate(repeats: int) -> Iterator[Row]:
             at_most=True,
             unit="ms",
             agrees=agrees,
-            results=f"axis {off:.3f} deg off, order {found[case].order}",
+            results=f"axis {off:.3f} deg off, order {found[case].order}, {busy[case]:.0f} ms of CPU",
         )
 
     what, peer = "estimate, order known", "Open3D + SciPy"
@@ -50,7 +50,7 @@ def estimate(repeats: int) -> Iterator[Row]:
         return
     from peers import method
 
-    times, results = alternate(
+    times, busy, results = alternate(
         {"sympose": calls["known"], peer: lambda: method.estimate(scan.points, clouds.ORDER)}, repeats
     )
     line, _ = results[peer]
@@ -63,6 +63,7 @@ def estimate(repeats: int) -> Iterator[Row]:
         times[peer],
         times[peer] / times["sympose"],
         15.0,
+        cpu=busy[peer] / busy["sympose"],
         agrees=max(off, their_off) < _WORST_DEG,
         results=f"axis {off:.3f} and {their_off:.3f} deg off",
     )
