@@ -105,7 +105,7 @@ impl Default for OutlierParams {
             radius: 3.0,
             min_neighbors: 4,
             k: 20,
-            std_ratio: 3.0,
+            std_ratio: 5.0,
             cluster_distance: 0.05,
             cluster_ratio: 0.05,
         }
