@@ -18,7 +18,7 @@ mod grid;
 mod ground;
 mod neighbors;
 mod normals;
-mod outline;
+pub(crate) mod outline;
 mod plane;
 mod radius;
 mod sides;

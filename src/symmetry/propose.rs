@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
+use crate::preprocess::outline::enclosing_middle;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Turns;
 use crate::symmetry::refine::{RefineParams, Refined, align};
@@ -83,18 +84,12 @@ fn principal_axes(surface: &Surface) -> Option<Vec<Axis>> {
 }
 
 /// A point on the line along `axis` about which the smallest cylinder holds all `points`.
-///
-/// Steps of 1/(i+1) toward the farthest point converge to the smallest enclosing ball (Badoiu and Clarkson 2003).
 fn outline_center(points: &[Vector3<f64>], axis: &Axis) -> Vector3<f64> {
-    let direction = axis.direction.into_inner();
-    let across = |p: &Vector3<f64>| p - direction * direction.dot(p);
-    let mut center = axis.point;
-    for i in 1..=30 {
-        let away = |p: &&Vector3<f64>| across(&(**p - center)).norm_squared();
-        let Some(farthest) = points.iter().max_by(|a, b| away(a).total_cmp(&away(b))) else { break };
-        center += across(&(farthest - center)) / f64::from(i + 1);
-    }
-    center
+    let [u, v] = axis.tangents();
+    let flat: Vec<[f64; 2]> =
+        points.iter().map(|p| p - axis.point).map(|arm| [u.dot(&arm), v.dot(&arm)]).collect();
+    let [x, y] = enclosing_middle(&flat);
+    axis.point + u * x + v * y
 }
 
 /// `count` unit vectors spread evenly over the half sphere (Fibonacci lattice).
