@@ -12,6 +12,7 @@ use crate::preprocess::{
 };
 use crate::spatial::KdTree;
 use crate::stages::Stages;
+use crate::symmetry::order::Order;
 use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::visibility::Visibility;
 
@@ -74,7 +75,11 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let diameter = width(&part.points);
     let voxel_size = match config.voxel_size {
         Some(size) => size,
-        None => default_voxel(&part.points, diameter)?,
+        None => {
+            // The limits by which an order is judged hold for the coarser voxels.
+            let fine = part.viewpoints.is_none() && config.order != Order::Auto;
+            default_voxel(&part.points, diameter, if fine { FINE } else { COARSE })?
+        }
     };
     let grid = voxel_downsample(&part.points, voxel_size)?;
     stages.number("voxel_size", voxel_size);
@@ -302,14 +307,21 @@ fn width(points: &[[f64; 3]]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// A two-hundredth of the diameter, or the spacing of the points where they are sparser.
-fn default_voxel(points: &[[f64; 3]], diameter: f64) -> Result<f64> {
+/// Voxels across the diameter.
+const COARSE: f64 = 200.0;
+
+/// The same where both sides of a blade thinner than a voxel would fall into one mean, since without viewpoints nothing
+/// tells them apart.
+const FINE: f64 = 280.0;
+
+/// A voxel's share of the diameter, or the spacing of the points where they are sparser.
+fn default_voxel(points: &[[f64; 3]], diameter: f64, per_diameter: f64) -> Result<f64> {
     /// A spacing that is known from this many points is known well enough.
     const LOOKED_AT: usize = 200_000;
     let step = points.len().div_ceil(LOOKED_AT);
     let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
     let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
-    let size = (diameter / 200.0).max(1.2 * spacing);
+    let size = (diameter / per_diameter).max(1.2 * spacing);
     if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
 }
 

@@ -129,7 +129,9 @@ fn the_pose_follows_the_cloud() {
         let center = motion.inverse() * Point3::from(found.world_from_object.translation.vector) / scale;
         let tilt = (axis - reference.world_from_object * Vector3::z()).norm();
         let shift = (center.coords - reference.world_from_object.translation.vector).norm();
-        assert!(tilt < 1e-5 && shift < 1e-5, "{name}: {tilt} {shift}");
+        let heading = motion.inverse() * (found.world_from_object * Vector3::x());
+        let turn = (heading - reference.world_from_object * Vector3::x()).norm();
+        assert!(tilt < 1e-5 && shift < 1e-5 && turn < 1e-5, "{name}: {tilt} {shift} {turn}");
     }
 }
 

@@ -35,7 +35,8 @@ pub struct RefineParams {
     pub max_joint_steps: u64,
     /// Motion of the axis below which a round counts as converged [point spacings at the rim].
     pub tolerance: f64,
-    /// Weight of a point's own measurement against one match in the joint optimisation.
+    /// Weight of a point's own measurement against one match in the joint optimisation; 0.3 measured best
+    /// (BENCHMARK.md).
     pub anchor: f64,
 }
 
@@ -43,7 +44,7 @@ impl Default for RefineParams {
     fn default() -> Self {
         Self {
             max_turns: 5,
-            max_joint_turns: 6,
+            max_joint_turns: 12,
             gate: 2.0,
             max_normal_angle: 0.6,
             huber_width: 1.345,
@@ -51,7 +52,7 @@ impl Default for RefineParams {
             max_full_rounds: 12,
             max_joint_steps: 2,
             tolerance: 1e-3,
-            anchor: 1.0,
+            anchor: 0.3,
         }
     }
 }
