@@ -77,7 +77,7 @@ pub struct Height {
 /// takes the surface into account that no camera saw.
 #[must_use]
 pub fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward: bool) -> Height {
-    /// Uncertainty of the unseen surface, as a share of what it changes.
+    /// Uncertainty of the unseen surface, as a share of what it changes; a cell remains where all was seen.
     const TRUST: f64 = 0.7;
     let [mut lower, mut upper] = ends(folded);
     if let Some(base) = base {
@@ -86,15 +86,13 @@ pub fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward
     }
     let area = folded.area();
     let seen = folded.mean(|p| p.height);
-    let scatter =
-        folded.points.iter().map(|p| (p.area * (p.height - seen)).powi(2)).sum::<f64>().sqrt() / area;
     match origin {
         Origin::Centroid if outward => {
             let Unseen { area: unseen_area, moment } = unseen(folded, [lower, upper]);
             let value = (seen * area + moment) / (area + unseen_area);
-            Height { value, sigma: scatter.hypot(TRUST * (value - seen)) }
+            Height { value, sigma: folded.cell.hypot(TRUST * (value - seen)) }
         }
-        Origin::Centroid => Height { value: seen, sigma: scatter },
+        Origin::Centroid => Height { value: seen, sigma: folded.cell },
         Origin::Base => Height { value: base.unwrap_or(lower), sigma: folded.cell },
         Origin::Midpoint => Height { value: 0.5 * (lower + upper), sigma: folded.cell },
     }
