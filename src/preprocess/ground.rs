@@ -259,7 +259,9 @@ impl Scene<'_> {
 fn is_face(outline: &Outline, things: &[Flat], seen: bool, params: &GroundParams) -> bool {
     const CENTRED: f64 = 0.1;
     const RECTANGLE: f64 = 0.93;
-    let off_center = distance(enclosing_middle(things), outline.middle) / outline.radius();
+    let off_center =
+        distance(enclosing_middle(things, things.first().copied().unwrap_or_default()), outline.middle)
+            / outline.radius();
     let centred = off_center < CENTRED || !seen;
     centred && outline.asymmetry() < params.outline && outline.rectangularity() < RECTANGLE
 }

@@ -106,10 +106,10 @@ impl Outline {
     }
 }
 
-/// Middle of the smallest circle about `points`; steps of 1/(i+1) toward the farthest point converge to it (Badoiu and
-/// Clarkson 2003).
-pub(crate) fn enclosing_middle(points: &[Flat]) -> Flat {
-    let mut middle = points.first().copied().unwrap_or_default();
+/// Middle of the smallest circle about `points`; from any `start`, steps of 1/(i+1) toward the farthest point converge to
+/// it (Badoiu and Clarkson 2003).
+pub(crate) fn enclosing_middle(points: &[Flat], start: Flat) -> Flat {
+    let mut middle = start;
     for i in 1..=30 {
         let Some(far) = points.iter().max_by(|a, b| distance(**a, middle).total_cmp(&distance(**b, middle)))
         else {

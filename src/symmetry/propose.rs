@@ -88,7 +88,7 @@ fn outline_center(points: &[Vector3<f64>], axis: &Axis) -> Vector3<f64> {
     let [u, v] = axis.tangents();
     let flat: Vec<[f64; 2]> =
         points.iter().map(|p| p - axis.point).map(|arm| [u.dot(&arm), v.dot(&arm)]).collect();
-    let [x, y] = enclosing_middle(&flat);
+    let [x, y] = enclosing_middle(&flat, [0.0; 2]);
     axis.point + u * x + v * y
 }
 
