@@ -116,10 +116,12 @@ def test_the_histogram_is_drawn_from_the_chosen_direction(found: sympose.Estimat
     place = (outer[:, 0] % (2.0 * np.pi) / (2.0 * np.pi) * bins).astype(int) % bins
     drawn = np.bincount(place, outer[:, 1], bins) / np.maximum(np.bincount(place, minlength=bins), 1)
 
-    local = (found.completed - found.center) @ found.pose[:3, :3]
-    turn = np.arctan2(local[:, 1], local[:, 0]) % (2.0 * np.pi) / (2.0 * np.pi)
-    counted, _ = np.histogram(turn, bins, (0.0, 1.0))
-    agreement = [np.corrcoef(np.roll(counted, shift), drawn)[0, 1] for shift in range(bins // ORDER)]
+    # Area of the dish by angle, from its equation; the histogram weighs the surface, not the points.
+    heading = np.arctan2(found.pose[1, 0], found.pose[0, 0])
+    middle = (np.arange(bins) + 0.5) / bins * 2.0 * np.pi + heading
+    rim = 0.42 + 0.08 * np.cos(ORDER * middle)
+    area = (1.0 + 1.44 * rim**2) ** 1.5
+    agreement = [np.corrcoef(np.roll(area, shift), drawn)[0, 1] for shift in range(bins // ORDER)]
     assert int(np.argmax(agreement)) in (0, 1, bins // ORDER - 1)
     assert max(agreement) > 0.9
 
