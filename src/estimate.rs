@@ -10,6 +10,7 @@ use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
+use crate::remarks::{UNSEEN, ambiguity, order_warning};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -22,7 +23,7 @@ use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
 use crate::symmetry::propose::Proposal;
 use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
-use crate::symmetry::search::{Found, SearchContext, group_size, search_known, search_unknown};
+use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// What one call adds to the configuration.
@@ -343,9 +344,6 @@ const COARSE: usize = 4000;
 /// Distance of a match when the order is found [point spacings].
 const DETECTION_GATE: f64 = 2.5;
 
-/// Remark on an order that was found without knowing what was seen from where.
-const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
-
 /// Score below which a pose counts as lost, and the search goes on.
 const TRACKED: f64 = 0.5;
 
@@ -419,39 +417,6 @@ fn place(
     let angles = (0..steps).map(|k| start + std::f64::consts::TAU * f64::from(k) / f64::from(steps));
     let away = |angle: &f64| pose(*angle).rotation.angle_to(&preferred.rotation);
     pose(angles.min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(heading))
-}
-
-/// What the caller should know when the data says something else than the declared order.
-fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
-    match (declared, detection.order) {
-        (Order::Auto, _) => None,
-        (declared, Some(found)) if declared == found => None,
-        (declared, Some(found)) => {
-            Some(format!("order {declared} was declared, but the data is explained better by order {found}"))
-        }
-        (declared, None) => Some(format!(
-            "order {declared} was declared, but no rotational symmetry explains the data: at most {:.0} % of the \
-             observed surface agrees",
-            100.0 * detection.explained
-        )),
-    }
-}
-
-/// Says so when another axis came out of the search that explains the data about as well, as for a cube.
-fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
-    /// Share of the score of the chosen axis.
-    const AS_WELL: f64 = 0.95;
-    /// Angle between axes that are not the same \[rad\].
-    const APART: f64 = 0.17;
-    let (axis, score) = (&chosen.proposal.axis, chosen.proposal.score.value());
-    let size = |found: &Found| found.order.map_or(0, group_size);
-    let other = candidates.iter().find(|other| {
-        other.proposal.score.value() >= AS_WELL * score
-            && size(other) >= size(chosen)
-            && other.proposal.axis.angle_to(axis) > APART
-    })?;
-    let degrees = other.proposal.axis.angle_to(axis).to_degrees();
-    Some(format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well"))
 }
 
 fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {

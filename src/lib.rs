@@ -68,6 +68,7 @@ pub mod preprocess;
 #[cfg(feature = "python")]
 mod python;
 pub mod reference;
+mod remarks;
 pub mod result;
 pub mod schema;
 pub mod spatial;

@@ -1,0 +1,41 @@
+//! What the caller should know about an answer: the warnings of an estimate.
+
+use crate::symmetry::detect::Detection;
+use crate::symmetry::order::Order;
+use crate::symmetry::search::{Found, group_size};
+
+/// Remark on an order that was found without knowing what was seen from where.
+pub(crate) const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
+
+/// What the caller should know when the data says something else than the declared order.
+pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
+    match (declared, detection.order) {
+        (Order::Auto, _) => None,
+        (declared, Some(found)) if declared == found => None,
+        (declared, Some(found)) => {
+            Some(format!("order {declared} was declared, but the data is explained better by order {found}"))
+        }
+        (declared, None) => Some(format!(
+            "order {declared} was declared, but no rotational symmetry explains the data: at most {:.0} % of the \
+             observed surface agrees",
+            100.0 * detection.explained
+        )),
+    }
+}
+
+/// Says so when another axis came out of the search that explains the data about as well, as for a cube.
+pub(crate) fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
+    /// Share of the score of the chosen axis.
+    const AS_WELL: f64 = 0.95;
+    /// Angle between axes that are not the same \[rad\].
+    const APART: f64 = 0.17;
+    let (axis, score) = (&chosen.proposal.axis, chosen.proposal.score.value());
+    let size = |found: &Found| found.order.map_or(0, group_size);
+    let other = candidates.iter().find(|other| {
+        other.proposal.score.value() >= AS_WELL * score
+            && size(other) >= size(chosen)
+            && other.proposal.axis.angle_to(axis) > APART
+    })?;
+    let degrees = other.proposal.axis.angle_to(axis).to_degrees();
+    Some(format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well"))
+}
