@@ -5,10 +5,11 @@
 use std::ffi::OsString;
 use std::io::{Error, ErrorKind, Write};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use sympose::io::{self, Scan};
-use sympose::{Estimate, Order};
+use sympose::{CancelToken, Estimate, Order};
 
 const HUB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/data/hub.ply");
 /// The truth of the hub, from examples/data/README.md.
@@ -17,9 +18,13 @@ const CENTER: [f64; 3] = [449.231705171, 85.429672425, -156.132070895];
 const DIAMETER: f64 = 400.0;
 
 fn sympose(args: &[&str]) -> (u8, String, String) {
+    sympose_with(&CancelToken::default(), args)
+}
+
+fn sympose_with(cancel: &CancelToken, args: &[&str]) -> (u8, String, String) {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     let args = std::iter::once("sympose").chain(args.iter().copied());
-    let code = sympose::cli::run(args.map(OsString::from), &mut out, &mut err);
+    let code = sympose::cli::run(args.map(OsString::from), &mut out, &mut err, cancel);
     (code, String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
 }
 
@@ -218,6 +223,43 @@ fn a_deadline_is_kept() {
     assert_eq!(serde_json::from_str::<Value>(&out).unwrap()["error"], "deadline_exceeded");
 }
 
+#[test]
+fn a_cancelled_command_ends_at_once_and_writes_nothing() {
+    let cancelled = CancelToken::default();
+    cancelled.cancel();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out.ply");
+    for args in [
+        &["estimate", HUB, "--json", text(&out)][..],
+        &["filter", HUB, text(&out), "--voxel-size", "5"],
+        &["plane", HUB, "--remove", text(&out)],
+        &["info", HUB],
+    ] {
+        let started = Instant::now();
+        assert_eq!(sympose_with(&cancelled, args), (130, String::new(), String::new()), "{args:?}");
+        assert!(started.elapsed().as_secs_f64() < 0.2, "{args:?}: {:?}", started.elapsed());
+        assert!(!out.exists(), "{args:?}");
+    }
+    // What is asked wrongly, or only asks for help, needs no work that could be cancelled.
+    assert_eq!(sympose_with(&cancelled, &["polish"]).0, 2);
+    assert_eq!(sympose_with(&cancelled, &["--version"]).0, 0);
+}
+
+#[test]
+fn a_running_estimate_is_cancelled() {
+    let cancel = CancelToken::default();
+    let later = cancel.clone();
+    let slow = ["estimate", HUB, "--order", "5", "--threads", "1"];
+    let alarm = std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_millis(20));
+        later.cancel();
+        Instant::now()
+    });
+    assert_eq!(sympose_with(&cancel, &slow), (130, String::new(), String::new()));
+    let late = alarm.join().unwrap().elapsed();
+    assert!(late.as_secs_f64() < 1.0, "{late:?}");
+}
+
 /// Standard output whose reader has gone, or a full disk.
 struct Broken(ErrorKind);
 
@@ -234,10 +276,11 @@ impl Write for Broken {
 #[test]
 fn a_closed_pipe_is_no_error_and_a_full_disk_is() {
     for (kind, expected) in [(ErrorKind::BrokenPipe, 0), (ErrorKind::StorageFull, 2)] {
-        let mut err = Vec::new();
-        let code = sympose::cli::run(["sympose", "info", HUB].map(Into::into), &mut Broken(kind), &mut err);
+        let (mut err, never) = (Vec::new(), CancelToken::default());
+        let info = ["sympose", "info", HUB].map(Into::into);
+        let code = sympose::cli::run(info, &mut Broken(kind), &mut err, &never);
         assert_eq!((code, err.is_empty()), (expected, expected == 0));
-        assert_eq!(sympose::cli::run(["sympose".into()], &mut Vec::new(), &mut Broken(kind)), 2);
+        assert_eq!(sympose::cli::run(["sympose".into()], &mut Vec::new(), &mut Broken(kind), &never), 2);
     }
 }
 

@@ -1,14 +1,13 @@
 """The command line: that of the Rust binary, and what only Python can do.
 
 Results go to standard output, remarks to standard error. Exit codes: 0 done, 1 no trustworthy pose, 2 bad
-usage or input.
+usage or input, 130 cancelled with Ctrl-C.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -30,26 +29,28 @@ _NO_POSE = (CancelledError, DeadlineExceededError, InsufficientDataError, NoSymm
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line on `argv`, or on the arguments of the process; returns the exit code."""
-    if argv is None:
-        # This is the whole program: Ctrl-C ends it, also while Rust does not listen to Python.
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
     arguments = list(sys.argv[1:] if argv is None else argv)
     command = _COMMANDS.get(arguments[0]) if arguments else None
-    if command is None:
-        sys.stdout.flush()
-        code = _core.cli_main(["sympose", *arguments])
-        if arguments in (["--help"], ["-h"], ["help"]):
-            rows = (f"  {name:<10}{command.summary}\n" for name, command in _COMMANDS.items())
-            sys.stdout.write(f"\nCommands of the Python package:\n{''.join(rows)}")
-        return code
     try:
-        return command.run(arguments[1:])
+        return _rust(arguments) if command is None else command.run(arguments[1:])
+    except KeyboardInterrupt:
+        sys.stderr.write("sympose: cancelled\n")
+        return 130
     except _NO_POSE as error:
         sys.stderr.write(f"sympose: {error}\n")
         return 1
     except (SymposeError, OSError, ImportError) as error:
         sys.stderr.write(f"sympose: {error}\n")
         return 2
+
+
+def _rust(arguments: Sequence[str]) -> int:
+    sys.stdout.flush()
+    code = _core.cli_main(["sympose", *arguments])
+    if arguments in (["--help"], ["-h"], ["help"]):
+        rows = (f"  {name:<10}{command.summary}\n" for name, command in _COMMANDS.items())
+        sys.stdout.write(f"\nCommands of the Python package:\n{''.join(rows)}")
+    return code
 
 
 def _segment(arguments: Sequence[str]) -> int:

@@ -20,7 +20,7 @@ Examples:
   sympose plane scene.ply --remove part.ply
   sympose filter scan.ply clean.ply --voxel-size 0.5 --radius 2 --min-neighbors 8
 
-Exit codes: 0 done, 1 no trustworthy pose, 2 bad usage or input.";
+Exit codes: 0 done, 1 no trustworthy pose, 2 bad usage or input, 130 cancelled.";
 
 /// Pose of a rotationally symmetric part from a raw point cloud, without a CAD model.
 ///

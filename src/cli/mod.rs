@@ -1,7 +1,8 @@
 //! The command line, shared by the `sympose` binary and the Python entry point; it uses the public interface only.
 //!
 //! Results go to standard output, progress and remarks to standard error. Exit codes: 0 done, 1 no trustworthy pose,
-//! 2 bad usage or input.
+//! 2 bad usage or input, 130 cancelled. No signal handler is installed: Ctrl-C ends the binary as it ends any program,
+//! and a caller with signals of its own cancels the token.
 
 mod args;
 mod output;
@@ -12,28 +13,39 @@ use std::ffi::OsString;
 use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
+use crate::control::CancelToken;
+
 /// Runs the command line on `args` (the name of the program first), without a progress bar, and returns the exit code.
 ///
 /// Nothing is printed but to `stdout` and `stderr`, and the process is never ended. A closed pipe on `stdout` is no error.
+/// Once `cancel` is set the work stops within milliseconds, or at the end of a file or a filter, and nothing more is
+/// written; whoever set it knows, so that no message says so.
 ///
 /// ```
+/// use sympose::CancelToken;
 /// let (mut out, mut err) = (Vec::new(), Vec::new());
-/// let code = sympose::cli::run(["sympose", "--version"].map(Into::into), &mut out, &mut err);
+/// let args = ["sympose", "--version"].map(Into::into);
+/// let code = sympose::cli::run(args, &mut out, &mut err, &CancelToken::default());
 /// assert_eq!(code, 0);
 /// assert!(out.starts_with(b"sympose "));
 /// ```
-pub fn run(args: impl IntoIterator<Item = OsString>, stdout: &mut dyn Write, stderr: &mut dyn Write) -> u8 {
-    run::run(args, stdout, stderr, false)
+pub fn run(
+    args: impl IntoIterator<Item = OsString>,
+    stdout: &mut dyn Write,
+    stderr: &mut dyn Write,
+    cancel: &CancelToken,
+) -> u8 {
+    run::run(args, stdout, stderr, cancel, false)
 }
 
-/// Runs the command line on the standard streams of the process, with a progress bar where standard error is a
-/// terminal, and returns the exit code.
-pub fn run_in_terminal(args: impl IntoIterator<Item = OsString>) -> u8 {
-    run::run(args, &mut stdout(), &mut stderr(), true)
+/// Runs the command line like [`run`], on the standard streams of the process, with a progress bar where standard error
+/// is a terminal.
+pub fn run_in_terminal(args: impl IntoIterator<Item = OsString>, cancel: &CancelToken) -> u8 {
+    run::run(args, &mut stdout(), &mut stderr(), cancel, true)
 }
 
 /// Runs the command line on the arguments of this process.
 #[must_use]
 pub fn main() -> ExitCode {
-    ExitCode::from(run_in_terminal(std::env::args_os()))
+    ExitCode::from(run_in_terminal(std::env::args_os(), &CancelToken::default()))
 }

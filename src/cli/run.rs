@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::args::{Cli, Command, EstimateArgs, FilterArgs, InfoArgs, PlaneArgs};
 use super::output::{self, Info, PlaneReport, TRUSTWORTHY};
 use super::progress;
-use crate::control::Control;
+use crate::control::{CancelToken, Control};
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, Estimator, Request};
 use crate::io::{self, Format, Scan};
@@ -23,20 +23,24 @@ use crate::spatial::KdTree;
 const DONE: u8 = 0;
 const NO_POSE: u8 = 1;
 const BAD_INPUT: u8 = 2;
+/// What a shell reports for a program that Ctrl-C has ended.
+const CANCELLED: u8 = 130;
 
 pub(super) fn run(
     args: impl IntoIterator<Item = OsString>,
     stdout: &mut dyn Write,
     stderr: &mut dyn Write,
+    cancel: &CancelToken,
     progress: bool,
 ) -> u8 {
+    let control = Control::new().with_cancel(cancel.clone());
     let mut streams = Streams { stdout, stderr };
     let outcome = match Cli::try_parse_from(args) {
         Ok(cli) => match cli.command {
-            Command::Estimate(args) => estimate(&args, &mut streams, progress && !args.quiet),
-            Command::Filter(args) => filter(&args, &mut streams),
-            Command::Plane(args) => plane(&args, &mut streams),
-            Command::Info(args) => info(&args, &mut streams),
+            Command::Estimate(args) => estimate(&args, &mut streams, control, progress && !args.quiet),
+            Command::Filter(args) => filter(&args, &mut streams, &control),
+            Command::Plane(args) => plane(&args, &mut streams, &control),
+            Command::Info(args) => info(&args, &mut streams, &control),
         },
         Err(error) if error.use_stderr() => {
             streams.remark(&error.render().to_string());
@@ -46,7 +50,10 @@ pub(super) fn run(
         Err(error) => streams.result(&error.render().to_string()).map(|()| DONE),
     };
     outcome.unwrap_or_else(|error| {
-        streams.remark(&format!("sympose: {error}\n"));
+        // Whoever cancelled knows it.
+        if !matches!(error, Error::Cancelled) {
+            streams.remark(&format!("sympose: {error}\n"));
+        }
         exit_code(&error)
     })
 }
@@ -56,8 +63,8 @@ fn exit_code(error: &Error) -> u8 {
         Error::NoSymmetry { .. }
         | Error::InsufficientData { .. }
         | Error::Degenerate { .. }
-        | Error::DeadlineExceeded { .. }
-        | Error::Cancelled => NO_POSE,
+        | Error::DeadlineExceeded { .. } => NO_POSE,
+        Error::Cancelled => CANCELLED,
         _ => BAD_INPUT,
     }
 }
@@ -92,13 +99,13 @@ impl Streams<'_> {
     }
 }
 
-fn estimate(args: &EstimateArgs, streams: &mut Streams, progress: bool) -> Result<u8> {
+fn estimate(args: &EstimateArgs, streams: &mut Streams, control: Control, progress: bool) -> Result<u8> {
     let estimator = Estimator::new(args.config()?)?;
     if let Some(path) = &args.completed {
         // Before the work, not after it.
         Format::of(path)?;
     }
-    match find_pose(args, &estimator, progress) {
+    match find_pose(args, &estimator, control, progress) {
         Ok(estimate) => report(args, &estimate, streams),
         Err(error) => {
             if let Some(path) = args.json.as_deref().filter(|_| exit_code(&error) == NO_POSE) {
@@ -109,14 +116,18 @@ fn estimate(args: &EstimateArgs, streams: &mut Streams, progress: bool) -> Resul
     }
 }
 
-fn find_pose(args: &EstimateArgs, estimator: &Estimator, progress: bool) -> Result<Estimate> {
-    let mut scan = io::read(&args.scan)?;
+fn find_pose(
+    args: &EstimateArgs,
+    estimator: &Estimator,
+    mut control: Control,
+    progress: bool,
+) -> Result<Estimate> {
+    let mut scan = read(&args.scan, &control)?;
     scan.viewpoint = args.viewpoint().or(scan.viewpoint);
     let cloud = scan.into_cloud()?;
     let bar = progress::bar(progress);
     let shown = bar.clone();
-    let mut control =
-        Control::new().with_progress(move |stage, fraction| progress::show(&shown, stage, fraction));
+    control = control.with_progress(move |stage, fraction| progress::show(&shown, stage, fraction));
     if let Some(timeout) = args.timeout {
         control = control.with_timeout(timeout);
     }
@@ -149,21 +160,31 @@ fn report(args: &EstimateArgs, estimate: &Estimate, streams: &mut Streams) -> Re
     Ok(NO_POSE)
 }
 
-fn filter(args: &FilterArgs, streams: &mut Streams) -> Result<u8> {
+/// Reads a scan, before and after a look at the cancel token.
+fn read(path: &Path, control: &Control) -> Result<Scan> {
+    control.check()?;
+    let scan = io::read(path)?;
+    control.check()?;
+    Ok(scan)
+}
+
+fn filter(args: &FilterArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
     Format::of(&args.out)?;
-    let scan = io::read(&args.scan)?;
+    let scan = read(&args.scan, control)?;
     let mut steps = vec![("read", scan.points.len())];
     let mut scan = finite(&scan);
     steps.push(("finite", scan.points.len()));
     if let Some(size) = args.filters.voxel_size {
         scan = voxel_mean(&scan, size)?;
         steps.push(("voxel grid", scan.points.len()));
+        control.check()?;
     }
     if let Some(radius) = args.filters.radius {
         let default = RadiusParams::default();
         let min_neighbors = args.min_neighbors.unwrap_or(default.min_neighbors);
         scan = select(&scan, &remove_radius_outliers(&scan.points, &RadiusParams { radius, min_neighbors })?);
         steps.push(("radius", scan.points.len()));
+        control.check()?;
     }
     if args.filters.k.is_some() || args.filters.std_ratio.is_some() {
         let default = StatisticalParams::default();
@@ -172,6 +193,7 @@ fn filter(args: &FilterArgs, streams: &mut Streams) -> Result<u8> {
         scan =
             select(&scan, &remove_statistical_outliers(&scan.points, &StatisticalParams { k, std_ratio })?);
         steps.push(("statistical", scan.points.len()));
+        control.check()?;
     }
     io::write(&args.out, &scan)?;
     if !args.quiet {
@@ -182,17 +204,18 @@ fn filter(args: &FilterArgs, streams: &mut Streams) -> Result<u8> {
     Ok(DONE)
 }
 
-fn plane(args: &PlaneArgs, streams: &mut Streams) -> Result<u8> {
+fn plane(args: &PlaneArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
     if let Some(path) = &args.remove {
         Format::of(path)?;
     }
-    let scan = finite(&io::read(&args.scan)?);
+    let scan = finite(&read(&args.scan, control)?);
     let distance = match args.distance {
         Some(distance) => distance,
         None => 2.0 * median_spacing(&KdTree::new(&scan.points)?, &scan.points),
     };
     let params = PlaneParams { distance, seed: args.seed, ..PlaneParams::default() };
     let plane = segment_plane(&scan.points, &params)?;
+    control.check()?;
     if let Some(path) = &args.remove {
         let mut inliers = plane.inliers.iter().copied().peekable();
         let rest: Vec<u32> =
@@ -214,8 +237,8 @@ fn plane(args: &PlaneArgs, streams: &mut Streams) -> Result<u8> {
     Ok(DONE)
 }
 
-fn info(args: &InfoArgs, streams: &mut Streams) -> Result<u8> {
-    let scan = io::read(&args.scan)?;
+fn info(args: &InfoArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
+    let scan = read(&args.scan, control)?;
     let points = finite(&scan).points;
     let corner = |pick: fn(f64, f64) -> f64| {
         points.iter().copied().reduce(|a, b| std::array::from_fn(|axis| pick(a[axis], b[axis])))

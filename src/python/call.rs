@@ -1,21 +1,16 @@
-//! The main call: an estimate on a worker thread, while the calling thread listens for Ctrl-C and reports progress.
+//! The main call.
 
-use std::sync::mpsc::{self, RecvTimeoutError};
-use std::thread;
 use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use super::estimate::PyEstimate;
 use super::input::Input;
+use super::interrupt::interruptible;
 use super::reference::PyReference;
 use super::{arrays, config, errors, pool};
-use crate::control::{CancelToken, Control};
-use crate::error::Result;
+use crate::control::Control;
 use crate::estimate::{Estimator, Request};
-
-/// How often a waiting call looks for signals: Ctrl-C is answered within this time and one step of the estimate.
-const SIGNAL_INTERVAL: Duration = Duration::from_millis(30);
 
 /// Estimate the pose of the part in a cloud; `sympose.estimate` is the call for users.
 ///
@@ -63,7 +58,11 @@ pub(super) fn estimate(
     // The global pool of rayon does not survive a fork, so that every call has one of its own.
     config.threads = config.threads.or_else(|| Some(pool::all_cores()));
 
-    let mut estimate = interruptible(py, control, progress, move |control| {
+    let mut estimate = interruptible(py, progress.as_ref(), move |cancel, reports| {
+        let control = control.with_cancel(cancel).with_progress(move |stage, fraction| {
+            // Nobody listens any more once the call is over.
+            let _ = reports.send((stage, fraction));
+        });
         let estimator = Estimator::new(config)?;
         let (cloud, rows) = input.into_cloud()?;
         let mut estimate =
@@ -72,7 +71,8 @@ pub(super) fn estimate(
             estimate.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
         }
         Ok(estimate)
-    })?;
+    })?
+    .map_err(|error| errors::exception(py, error))?;
     estimate.warnings.splice(0..0, warnings);
     PyEstimate::new(py, estimate)
 }
@@ -86,66 +86,4 @@ fn duration(py: Python<'_>, seconds: f64) -> PyResult<Duration> {
         py,
         format!("timeout = {seconds}: expected a positive number of seconds, or None"),
     ))
-}
-
-/// Runs `job` on a thread of its own with the GIL released. Ctrl-C, and an exception raised in `progress`, cancel it
-/// and are raised here.
-fn interruptible<T: Send>(
-    py: Python<'_>,
-    control: Control,
-    progress: Option<Py<PyAny>>,
-    job: impl FnOnce(Control) -> Result<T> + Send,
-) -> PyResult<T> {
-    let cancel = CancelToken::default();
-    // Progress is sent to the calling thread, so that no worker ever waits for the GIL.
-    let (sender, reports) = mpsc::channel();
-    let report = sender.clone();
-    let control = control.with_cancel(cancel.clone()).with_progress(move |stage, fraction| {
-        // Nobody listens any more once the call is over.
-        let _ = report.send((stage, fraction));
-    });
-
-    let (outcome, interruption) = py.detach(move || {
-        thread::scope(move |scope| {
-            let worker = scope.spawn(move || {
-                let outcome = job(control);
-                drop(sender);
-                outcome
-            });
-            let mut interruption = None;
-            loop {
-                let report = match reports.recv_timeout(SIGNAL_INTERVAL) {
-                    Ok(report) => Some(report),
-                    Err(RecvTimeoutError::Timeout) => None,
-                    // Every sender is gone with the job.
-                    Err(RecvTimeoutError::Disconnected) => break,
-                };
-                if interruption.is_none() {
-                    interruption = Python::attach(|py| listen(py, progress.as_ref(), report)).err();
-                    if interruption.is_some() {
-                        cancel.cancel();
-                    }
-                }
-            }
-            (worker.join(), interruption)
-        })
-    });
-    if let Some(interruption) = interruption {
-        return Err(interruption);
-    }
-    match outcome {
-        Ok(outcome) => outcome.map_err(|error| errors::exception(py, error)),
-        Err(_) => Err(errors::internal(
-            py,
-            "the estimate ended with a panic, which is a bug of sympose; please report it",
-        )),
-    }
-}
-
-fn listen(py: Python<'_>, progress: Option<&Py<PyAny>>, report: Option<(&'static str, f64)>) -> PyResult<()> {
-    py.check_signals()?;
-    if let (Some(progress), Some(report)) = (progress, report) {
-        progress.call1(py, report)?;
-    }
-    Ok(())
 }

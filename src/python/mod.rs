@@ -9,6 +9,7 @@ mod config;
 mod errors;
 mod estimate;
 mod input;
+mod interrupt;
 mod json;
 mod kd_tree;
 mod metrics;

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import sympose
-from conftest import ORDER, Part
+from conftest import ORDER, Part, make_part
 from sympose.cli import main
 
 
@@ -80,3 +85,44 @@ def test_the_module_runs() -> None:
     command = [sys.executable, "-m", "sympose", "--version"]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert result.stdout == f"sympose {sympose.__version__}\n"
+
+
+@contextmanager
+def reading(pipe: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """`sympose` in a process of its own, waiting for the scan that `pipe` is to bring."""
+    os.mkfifo(pipe)
+    command = [sys.executable, "-m", "sympose", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def interrupted(process: subprocess.Popen[str], within: float) -> None:
+    sent = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=30)
+    assert time.perf_counter() - sent < within
+    assert (process.returncode, output, errors) == (130, "", "sympose: cancelled\n")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_ctrl_c_ends_a_long_estimate(tmp_path: Path) -> None:
+    pipe = tmp_path / "scan.xyz"
+    with reading(pipe, "estimate", str(pipe), "--voxel-size", "0.001", "--threads", "1") as process:
+        # Opening waits for the reader: from then on the Rust half is at work.
+        with pipe.open("w") as file:
+            np.savetxt(file, make_part(400_000).points, fmt="%.7f")
+        time.sleep(0.5)
+        interrupted(process, within=1.0)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_ctrl_c_ends_a_read_that_hangs(tmp_path: Path) -> None:
+    pipe = tmp_path / "scan.xyz"
+    with reading(pipe, "info", str(pipe)) as process, pipe.open("w") as file:
+        file.write("0 0 0\n")
+        file.flush()
+        interrupted(process, within=5.0)

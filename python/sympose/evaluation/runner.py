@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -190,8 +191,12 @@ def _in_processes(todo: Sequence[Case], jobs: int) -> Iterator[Row]:
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    # Spawned, not forked: thread pools and ray tracers do not survive a fork.
-    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    # Spawned, not forked: thread pools and ray tracers do not survive a fork. Ctrl-C reaches the children as
+    # well: they end at once, without a traceback each, and the parent says so.
+    spawn = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(
+        jobs, mp_context=spawn, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_DFL)
+    )
 
 
 def _all_rows(case: Case) -> list[Row]:
