@@ -1,0 +1,194 @@
+"""Rust and Python read the same from the same bytes, whoever wrote them.
+
+The Rust reader is asked through `sympose filter` with a filter that drops nothing; what it writes is read in
+Python.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sympose.cli import main
+from sympose.io import read, write
+from sympose.scene import Scene
+
+RNG = np.random.default_rng(3)
+POINTS = RNG.normal(size=(60, 3)) * [1.0, 30.0, 1e-3] + [4e5, 0.0, -2.0]
+NORMALS = RNG.normal(size=(60, 3))
+NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
+COLORS = RNG.integers(0, 256, (60, 3), dtype=np.uint8)
+LABELS = RNG.integers(0, 4, 60, dtype=np.uint8)
+
+
+def through_rust(path: Path) -> Scene:
+    """What the Rust reader makes of a file."""
+    copy = path.with_name("copy.ply")
+    keep_all = ["--radius", "1e9", "--min-neighbors", "0", "--quiet"]
+    assert main(["filter", str(path), str(copy), *keep_all]) == 0
+    return read(copy)
+
+
+def same(path: Path) -> Scene:
+    """Check that both readers agree to the last bit; returns what they read."""
+    here, there = read(path), through_rust(path)
+    # The filter drops what is not finite, and so does the estimate.
+    finite = np.isfinite(here.points).all(axis=1)
+    for name in ("points", "normals", "colors", "viewpoints"):
+        mine, other = getattr(here, name), getattr(there, name)
+        assert (mine is None) == (other is None), name
+        if mine is not None:
+            np.testing.assert_array_equal(mine[finite], other, err_msg=name, strict=True)
+    return here
+
+
+def vertices(real: str, *, normals: bool = True, colors: bool = True, label: bool = True) -> NDArray[Any]:
+    columns: list[tuple[str, str, NDArray[Any]]] = [
+        (n, real, c) for n, c in zip("xyz", POINTS.T, strict=True)
+    ]
+    if label:
+        columns.append(("label", "u1", LABELS))
+    if normals:
+        columns += [(n, real, c) for n, c in zip(("nx", "ny", "nz"), NORMALS.T, strict=True)]
+    if colors:
+        columns += [(n, "u1", c) for n, c in zip(("red", "green", "blue"), COLORS.T, strict=True)]
+    table = np.empty(len(POINTS), dtype=[(name, kind) for name, kind, _ in columns])
+    for name, _, column in columns:
+        table[name] = column
+    return table
+
+
+@pytest.mark.parametrize("real", ["f4", "f8"])
+@pytest.mark.parametrize(("text", "order"), [(True, "="), (False, "<"), (False, ">")])
+def test_ply_of_plyfile(tmp_path: Path, real: str, text: bool, order: str) -> None:
+    from plyfile import PlyData, PlyElement
+
+    faces = np.array([([0, 1, 2],)], dtype=[("vertex_indices", "i4", (3,))])
+    elements = [
+        PlyElement.describe(faces, "face"),
+        PlyElement.describe(vertices(real), "vertex", comments=["a remark"]),
+    ]
+    PlyData(elements, text=text, byte_order=order).write(str(tmp_path / "cloud.ply"))
+    scene = same(tmp_path / "cloud.ply")
+    if real == "f8" and not text:
+        np.testing.assert_array_equal(scene.points, POINTS)
+        np.testing.assert_array_equal(scene.normals, NORMALS)
+    np.testing.assert_array_equal(scene.colors, COLORS)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_little_endian"])
+def test_ply_of_trimesh(tmp_path: Path, encoding: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    rgba = np.column_stack([COLORS, np.full(len(COLORS), 255, dtype=np.uint8)])
+    mesh = trimesh.Trimesh(POINTS, [[0, 1, 2], [2, 3, 4]], vertex_colors=rgba, process=False)
+    mesh.vertex_normals = NORMALS
+    path = tmp_path / "mesh.ply"
+    path.write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding=encoding, vertex_normal=True))
+    scene = same(path)
+    assert scene.normals is not None
+    np.testing.assert_array_equal(scene.colors, COLORS)
+
+
+PCL = (
+    "ply\nformat {encoding} 1.0\ncomment PCL generated\nelement vertex 60\n"
+    "property float x\nproperty float y\nproperty float z\n"
+    "element camera 1\nproperty float view_px\nproperty float view_py\nproperty float view_pz\nend_header\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "kind"), [("binary_little_endian", "<f4"), ("binary_big_endian", ">f4")]
+)
+def test_ply_of_pcl_with_a_sensor(tmp_path: Path, encoding: str, kind: str) -> None:
+    body = np.vstack([POINTS, [[1.5, -2.0, 0.1]]]).astype(kind).tobytes()
+    (tmp_path / "cloud.ply").write_bytes(PCL.format(encoding=encoding).encode() + body)
+    assert same(tmp_path / "cloud.ply").viewpoints is not None
+
+
+@pytest.mark.parametrize("encoding", ["ASCII", "BINARY", "BINARY_COMPRESSED"])
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("sensor", [None, (0.5, -1.0, 0.1)])
+def test_pcd_of_pypcd4(tmp_path: Path, encoding: str, kind: type, sensor: tuple[float, ...] | None) -> None:
+    from pypcd4 import Encoding, PointCloud  # type: ignore[attr-defined]
+
+    points = POINTS.copy()
+    points[7] = np.nan
+    names = ("x", "y", "z", "label", "normal_x", "normal_y", "normal_z", "rgb")
+    columns = [
+        *points.T.astype(kind),
+        LABELS.astype(np.uint32),
+        *NORMALS.T.astype(kind),
+        PointCloud.encode_rgb(COLORS).reshape(-1),
+    ]
+    cloud = PointCloud.from_points(columns, names, [column.dtype for column in columns])
+    if sensor:
+        cloud.metadata.viewpoint = (*sensor, 1.0, 0.0, 0.0, 0.0)
+    cloud.save(str(tmp_path / "cloud.pcd"), getattr(Encoding, encoding))
+    scene = same(tmp_path / "cloud.pcd")
+    assert (scene.viewpoints is None) == (sensor is None)
+    assert scene.normals is not None
+    if encoding != "ASCII":  # there, pypcd4 rounds the float that holds the colours
+        np.testing.assert_array_equal(scene.colors, COLORS)
+
+
+def rows(*columns: NDArray[Any], delimiter: str = " ", decimal: str = ".") -> str:
+    table = [delimiter.join(map(str, row)) for row in np.hstack(columns).tolist()]
+    return "\n".join(table).replace(".", decimal) + "\n"
+
+
+TEXTS = {
+    "bare.xyz": rows(POINTS),
+    "normals_and_colors.txt": rows(POINTS, NORMALS, COLORS),
+    "colors_of_one.txt": rows(POINTS, COLORS / 255.0),
+    "cloudcompare.txt": "//X Y Z R G B Nx Ny Nz\n" + rows(POINTS, COLORS, NORMALS),
+    "labels.csv": "label,x,y,z\n" + rows(LABELS[:, None], POINTS, delimiter=","),
+    "german.csv": "x;y;z;r;g;b\n" + rows(POINTS, COLORS, delimiter=";", decimal=","),
+    "windows.csv": "\ufeff" + ("X\tY\tZ\n" + rows(POINTS, delimiter="\t")).replace("\n", "\r\n"),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_text(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text(TEXTS[name], encoding="utf-8", newline="")
+    np.testing.assert_array_equal(same(tmp_path / name).points, POINTS)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "pcd", "xyz", "txt", "csv"])
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("with_normals", [False, True])
+@pytest.mark.parametrize("with_colors", [False, True])
+def test_what_python_writes(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    suffix: str,
+    kind: type,
+    with_normals: bool,
+    with_colors: bool,
+) -> None:
+    path = tmp_path / f"cloud.{suffix}"
+    normals, colors = NORMALS if with_normals else None, COLORS if with_colors else None
+    write(path, POINTS.astype(kind), normals=normals, colors=colors)
+    np.testing.assert_array_equal(same(path).points, POINTS.astype(kind))
+    assert main(["info", str(path), "--json"]) == 0
+    info = json.loads(capfd.readouterr().out)
+    assert (info["points"], info["normals"], info["colors"]) == (60, with_normals, with_colors)
+
+
+@pytest.mark.parametrize("suffix", ["ply", "pcd", "xyz"])
+@pytest.mark.parametrize("options", [{}, {"write_ascii": True}, {"compressed": True}])
+def test_what_open3d_writes(tmp_path: Path, suffix: str, options: dict[str, bool]) -> None:
+    o3d = pytest.importorskip("open3d")
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(POINTS))
+    cloud.normals = o3d.utility.Vector3dVector(NORMALS)
+    cloud.colors = o3d.utility.Vector3dVector(COLORS / 255.0)
+    path = tmp_path / f"cloud.{suffix}"
+    assert o3d.io.write_point_cloud(str(path), cloud, **options)
+    scene = same(path)
+    if suffix != "xyz":
+        assert scene.normals is not None
+        np.testing.assert_array_equal(scene.colors, COLORS)
