@@ -35,9 +35,10 @@ from sympose.evaluation import (  # noqa: E402
     statistics,
 )
 from sympose.evaluation.bound import axis_bound  # noqa: E402
-from sympose.evaluation.checks import check_all, checks_table  # noqa: E402
+from sympose.evaluation.check import checks_table  # noqa: E402
 from sympose.evaluation.cli import main  # noqa: E402
 from sympose.evaluation.metrics import axis_angle_deg, axis_offset, wrap_deg  # noqa: E402
+from sympose.evaluation.pose_checks import check_pose  # noqa: E402
 from sympose.evaluation.reference import about_z, mesh_from_object, turned_over  # noqa: E402
 from sympose.evaluation.surface import Surface  # noqa: E402
 from sympose.evaluation.tables import TABLE_1, TABLE_2, TABLE_3, paper_tables  # noqa: E402
@@ -366,10 +367,10 @@ def test_promises_are_kept_or_broken_by_their_figures() -> None:
     good: Row = {"axis_deg": 0.01, "offset": 1e-4, "adds": 0.005, "adds_aligned": 0.004}
     good |= {"raw_error": 0.001, "voxel_error": 0.001, "refined_error": 0.0005}
     scenario = Scenario("sphere", 5)
-    kept = check_all([made_up("a", "default", scenario, **good)])
+    kept = check_pose([made_up("a", "default", scenario, **good)])
     assert len(kept) >= 6
     assert all(check.passed for check in kept)
-    broken = check_all(
+    broken = check_pose(
         [made_up("a", "default", scenario, **good), {**made_up("b", "default", scenario), "outcome": "error"}]
     )
     worst = next(check for check in broken if check.what.startswith("axis_deg, worst"))

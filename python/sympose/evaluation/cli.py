@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ from sympose.evaluation.methods import METHODS
 from sympose.evaluation.plots import save_figures
 from sympose.evaluation.progress import ProgressBar
 from sympose.evaluation.runner import Store, cases, run
-from sympose.evaluation.scenario import STRESS, Scenario
-from sympose.evaluation.suites import SUITES, run_suite
+from sympose.evaluation.scenario import STRESS, Scenario, Subject
+from sympose.evaluation.suites import SUITES, Suite, run_suite
 from sympose.evaluation.summary import report, write_csv, write_json
 
 __all__ = ["add_arguments", "evaluate", "main"]
@@ -33,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--parts", default="own", help="own, or folders of meshes with a manifest, by comma (default: own)"
     )
-    parser.add_argument("--suite", choices=sorted(SUITES), help="a ready-made run of all promises")
+    parser.add_argument(
+        "--suite", choices=sorted(SUITES), help="a ready-made run, with scenarios and methods of its own"
+    )
     parser.add_argument(
         "--only", default="", help="only parts whose name or family holds one of these, by comma"
     )
@@ -73,20 +75,20 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def _suite(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
-    return run_suite(
-        options.suite,
+    suite = Suite(
         out,
         sources=_words(options.parts),
         seeds=_numbers(options.seeds) if options.seeds else None,
         jobs=options.jobs,
+        choose=_choice(options),
         progress=ProgressBar(),
     )
+    return run_suite(options.suite, suite)
 
 
 def _chosen(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
     views, multiples = [int(n) for n in _words(options.views)], [float(k) for k in _words(options.sigma)]
     stress = {key: value for name in _words(options.stress) for key, value in _stress(name).items()}
-    only = _words(options.only)
     scenarios = [
         Scenario(place, count, multiple, clutter=options.clutter if place == "table" else 0, **stress)
         for place in _words(options.scenario)
@@ -102,7 +104,7 @@ def _chosen(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
             _numbers(options.seeds or "1-3"),
             _words(options.methods),
             every=options.every,
-            choose=lambda s: not only or any(word in f"{s.part.name} {s.part.family}" for word in only),
+            choose=_choice(options),
         )
     ]
     if not todo:
@@ -110,6 +112,11 @@ def _chosen(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
     rows = run(todo, Store(out / "rows.jsonl"), jobs=options.jobs, progress=ProgressBar())
     save_figures(rows, out)
     return rows, report(rows)
+
+
+def _choice(options: argparse.Namespace) -> Callable[[Subject], bool]:
+    only = _words(options.only)
+    return lambda one: not only or any(word in f"{one.part.name} {one.part.family}" for word in only)
 
 
 def _words(text: str) -> list[str]:

@@ -14,6 +14,7 @@ from sympose.datasets import Part, Scan
 from sympose.errors import NoSymmetryError, SymposeError
 from sympose.evaluation import methods
 from sympose.evaluation.bound import adds_of_bound, noise_bound
+from sympose.evaluation.covariance import stated_figures
 from sympose.evaluation.metrics import axis_angle_deg, pose_errors
 from sympose.evaluation.reference import reference_of
 from sympose.evaluation.scenario import SIGMA, Scenario, Subject
@@ -29,7 +30,7 @@ outcome: "ok", "refused" (a `SymposeError`) or "error" (anything else), then wit
 seconds, cpu_seconds: of the method alone, by the clock and of the processors. points: of the scan.
 The fields of `PoseErrors`; bound_deg, bound_offset, adds_bound; axis_over_bound, offset_over_bound.
 order_found, order_right, score, explained, warnings, start_deg (axis before the refinement): of methods of
-this package.
+this package; with those of `stated_figures`.
 raw_error, voxel_error, refined_error and the histograms: distances to the true surface.
 kept_precision, kept_recall, has_ground: of scenarios that are segmented; kept: share of the points kept.
 """
@@ -118,6 +119,8 @@ def _judge(subject: Subject, scenario: Scenario, scan: Scan, name: str, answer: 
     if estimate.candidates and part.order is not None:
         # The best of the search, from which the refinement starts.
         row["start_deg"] = axis_angle_deg(np.asarray(estimate.candidates[0].axis), scan.axis)
+    if part.order is not None:
+        row |= stated_figures(estimate, scan.axis, scan.center, scan.diameter)
     row["score"], row["explained"] = float(estimate.score), float(estimate.explained)
     if estimate.warnings:
         row["warnings"] = list(estimate.warnings)

@@ -6,11 +6,11 @@ the same four classes, so they say how large errors are, not which method wins.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from sympose.evaluation.measure import Row
 from sympose.evaluation.runner import Case, cases
-from sympose.evaluation.scenario import Scenario
+from sympose.evaluation.scenario import Scenario, Subject
 from sympose.evaluation.summary import figure, markdown_table, statistics
 
 __all__ = ["TABLE_1", "TABLE_2", "TABLE_3", "paper_tables", "table_cases"]
@@ -55,11 +55,15 @@ _NOISES = tuple(Scenario("sphere", 5, float(k)) for k in range(1, 6))
 _VIEWS = tuple(Scenario("sphere", k, 1.0) for k in range(1, 6))
 
 
-def table_cases(source: str = "own", seeds: Sequence[int] = (1, 2, 3)) -> list[Case]:
+def table_cases(
+    source: str = "own",
+    seeds: Sequence[int] = (1, 2, 3),
+    choose: Callable[[Subject], bool] | None = None,
+) -> list[Case]:
     """What has to be run for the three tables."""
-    first = cases(source, [_BASE], seeds, tuple(dict.fromkeys([*_COLUMNS_1, *_JOINT])))
+    first = cases(source, [_BASE], seeds, tuple(dict.fromkeys([*_COLUMNS_1, *_JOINT])), choose=choose)
     rest = [one for one in dict.fromkeys([*_NOISES, *_VIEWS]) if one != _BASE]
-    return first + cases(source, rest, seeds, tuple(_JOINT))
+    return first + cases(source, rest, seeds, tuple(_JOINT), choose=choose)
 
 
 def paper_tables(rows: Sequence[Row]) -> str:

@@ -1,0 +1,67 @@
+"""Whether a part that was taught from one scan is found again in another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sympose
+from sympose.datasets import Scan
+from sympose.evaluation.measure import Row
+from sympose.evaluation.reference import reference_of
+from sympose.evaluation.scenario import Scenario, Subject
+from sympose.metrics import mssd
+
+__all__ = ["measure_taught", "taught_key"]
+
+
+def taught_key(subject: Subject, scenario: Scenario, seed: int) -> str:
+    """What names the row of `measure_taught`."""
+    return f"{subject.source} | {subject.part.name} | {scenario.label} | {seed} | taught"
+
+
+def measure_taught(subject: Subject, scenario: Scenario, seed: int) -> Row:
+    """One row: teach the part from the scan of `seed`, find it in that of the next seed.
+
+    `taught_mssd` [diameters] is between the pose that was found and the one that the truth gives to the
+    taught frame; it is missing where one of the scans was refused.
+    """
+    part = subject.part
+    row: Row = {
+        "key": taught_key(subject, scenario, seed),
+        "source": subject.source,
+        "part": part.name,
+        "family": part.family,
+        "order": part.order,
+        "scenario": scenario.label,
+        "seed": seed,
+        "method": "taught",
+        "outcome": "ok",
+    }
+    first, second = scenario.scan(part, seed), scenario.scan(part, seed + 1)
+    try:
+        taught = sympose.estimate(_seen(first), threads=1)
+        found = sympose.estimate(_seen(second), reference=taught.as_reference(), threads=1)
+    except Exception as error:  # a failure is a result, too
+        return {**row, "outcome": "error", "message": f"{type(error).__name__}: {error}"}
+    reference = reference_of(part)
+    # From the true frame of the first scan to the taught one, and back from where it was found in the second.
+    taught_from_true = np.linalg.inv(taught.pose) @ _in_diameters(first) @ reference.mesh_from_object
+    estimated, truth = found.pose @ taught_from_true, _in_diameters(second) @ reference.mesh_from_object
+    row["taught_mssd"] = mssd(reference.points, estimated, truth, reference.symmetries)
+    row["score"] = float(found.score)
+    return row
+
+
+def _seen(scan: Scan) -> sympose.Scene:
+    return sympose.Scene(scan.scene.points / scan.diameter, viewpoints=_eyes(scan))
+
+
+def _eyes(scan: Scan) -> NDArray[np.float64] | None:
+    return None if scan.scene.viewpoints is None else scan.scene.viewpoints / scan.diameter
+
+
+def _in_diameters(scan: Scan) -> NDArray[np.float64]:
+    pose = scan.world_from_object.copy()
+    pose[:3, 3] /= scan.diameter
+    return pose
