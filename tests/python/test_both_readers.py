@@ -86,7 +86,7 @@ def test_ply_of_trimesh(tmp_path: Path, encoding: str) -> None:
     trimesh = pytest.importorskip("trimesh")
     rgba = np.column_stack([COLORS, np.full(len(COLORS), 255, dtype=np.uint8)])
     mesh = trimesh.Trimesh(POINTS, [[0, 1, 2], [2, 3, 4]], vertex_colors=rgba, process=False)
-    mesh.vertex_normals = NORMALS
+    mesh.vertex_normals = NORMALS.copy()  # trimesh makes it read-only
     path = tmp_path / "mesh.ply"
     path.write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding=encoding, vertex_normal=True))
     scene = same(path)
