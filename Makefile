@@ -25,7 +25,7 @@ help:
 	@echo 'make test      every check: formatting, lints, types, documentation, tests of both languages'
 	@echo 'make setup     the package, built for speed, in .venv: source .venv/bin/activate'
 	@echo 'make bench     time the stages, and other libraries beside them'
-	@echo 'make evaluate  measure the errors on scans whose truth is known'
+	@echo 'make evaluate  measure the errors on scans whose truth is known, into docs/evaluation.md'
 	@echo 'make lint      only formatting, lints, types and documentation'
 	@echo 'make format    format the sources'
 	@echo 'make wheel     a wheel in dist'
@@ -73,8 +73,10 @@ bench: release .venv/peers
 	cargo bench --locked
 	$(BIN)/python benches/compare_peers.py
 
+# From the beginning, so that all figures are of this build; about ten minutes on two cores.
 evaluate: release .venv/peers
-	$(BIN)/sympose evaluate
+	rm -rf out/short
+	$(BIN)/sympose evaluate --suite short --jobs 0 --out out/short --page docs/evaluation.md
 
 release: prerequisites .venv/ready
 	$(MATURIN) --release

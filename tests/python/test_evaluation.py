@@ -5,6 +5,8 @@ from __future__ import annotations
 import doctest
 import importlib
 import json
+import platform
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -38,6 +40,7 @@ from sympose.evaluation.bound import axis_bound  # noqa: E402
 from sympose.evaluation.check import checks_table  # noqa: E402
 from sympose.evaluation.cli import main  # noqa: E402
 from sympose.evaluation.metrics import axis_angle_deg, axis_offset, wrap_deg  # noqa: E402
+from sympose.evaluation.page import circumstances, write_page  # noqa: E402
 from sympose.evaluation.pose_checks import check_pose  # noqa: E402
 from sympose.evaluation.reference import about_z, mesh_from_object, turned_over  # noqa: E402
 from sympose.evaluation.surface import Surface  # noqa: E402
@@ -385,13 +388,37 @@ def test_the_command_line_writes_tables_and_figures(
     pytest.importorskip("matplotlib")
     out = tmp_path / "out"
     arguments = ["--only", "knob_3", "--views", "1", "--seeds", "1", "--methods", "right,crash"]
-    assert main([*arguments, "--out", str(out)]) == 0
-    assert "knob_3" in capsys.readouterr().out
+    page = tmp_path / "docs" / "figures.md"
+    assert main([*arguments, "--out", str(out), "--page", str(page)]) == 0
+    printed = capsys.readouterr().out
+    assert "knob_3" in printed
+    assert page.read_text(encoding="utf-8") == printed
+    assert "`sympose evaluate --only knob_3 --views 1 --seeds 1 --methods right,crash`" in printed
+    for private in (str(tmp_path), str(Path.home()), platform.node()):
+        assert private not in printed
     for name in ("report.md", "rows.csv", "rows.json", "rows.jsonl", "recall.png"):
         assert (out / name).stat().st_size > 0, name
     assert main(["--methods", "banana", "--out", str(out)]) == 2
     assert "banana" in capsys.readouterr().err
     assert main(["--parts", str(tmp_path), "--out", str(out)]) == 2
+
+
+def test_a_page_brings_its_pictures(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "recall.png").write_bytes(b"picture")
+    page = tmp_path / "docs" / "evaluation.md"
+    write_page(page, "![Recall](recall.png) [more](BENCHMARK.md)\n", out)
+    assert page.read_text(encoding="utf-8") == "![Recall](evaluation/recall.png) [more](BENCHMARK.md)\n"
+    assert (tmp_path / "docs" / "evaluation" / "recall.png").read_bytes() == b"picture"
+
+
+def test_the_circumstances_name_the_commit() -> None:
+    facts = dict(re.findall(r"^\| (\w+) \| (.+) \|$", circumstances("sympose evaluate", 600.0), re.MULTILINE))
+    assert facts["command"] == "`sympose evaluate`"
+    assert facts["took"] == "10 min"
+    assert re.fullmatch(r"(version \d+\.\d+\.\d+|.*[0-9a-f]{7,})(-dirty)?", facts["commit"])
+    assert re.search(r"\d+ cores", facts["hardware"])
 
 
 @pytest.mark.parametrize("module", ["reference", "scenario", "surface"])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 from sympose.errors import SymposeError
 from sympose.evaluation.measure import Row
 from sympose.evaluation.methods import METHODS
+from sympose.evaluation.page import circumstances, write_page
 from sympose.evaluation.plots import save_figures
 from sympose.evaluation.progress import ProgressBar
 from sympose.evaluation.runner import Store, cases, run
@@ -56,22 +59,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", default="out/evaluation", help="folder of the results (default: out/evaluation)"
     )
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+    parser.add_argument(
+        "--page",
+        metavar="FILE.md",
+        help="also write the report as a page with its circumstances and pictures",
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="processes; 0: one for each core (default: 1)")
 
 
 def evaluate(options: argparse.Namespace) -> int:
     """Run what the options say, write the results and print the tables."""
-    out = Path(options.out)
+    out, started = Path(options.out), time.monotonic()
+    options.jobs = options.jobs or os.cpu_count() or 1
     try:
         rows, text = _suite(options, out) if options.suite else _chosen(options, out)
     except (SymposeError, ValueError, OSError, ImportError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2
-    (out / "report.md").write_text(text + "\n", encoding="utf-8")
+    text = f"# Evaluation\n\n{circumstances(_command(options), time.monotonic() - started)}\n\n{text}\n"
+    (out / "report.md").write_text(text, encoding="utf-8")
+    if options.page:
+        write_page(Path(options.page), text, figures=out)
     write_csv(rows, out / "rows.csv")
     write_json(rows, out / "rows.json")
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(text)
     return 0
+
+
+def _command(options: argparse.Namespace) -> str:
+    """What to type for the same figures; of folders the last name, since where they lie says nothing."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    words = ["sympose evaluate"]
+    for name, default in vars(parser.parse_args([])).items():
+        value = getattr(options, name)
+        if name in ("out", "page", "jobs") or value == default:
+            continue
+        if name == "parts":
+            value = ",".join(Path(source).name for source in _words(value))
+        words.append(f"--{name}" if value is True else f"--{name} {value}")
+    return " ".join(words)
 
 
 def _suite(options: argparse.Namespace, out: Path) -> tuple[list[Row], str]:
