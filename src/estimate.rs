@@ -131,11 +131,12 @@ impl Estimator {
         };
 
         stages.begin("complete")?;
-        let folded = fold(&refined, &found.axis, order, prepared.voxel_size);
+        let framing = refined.strided(FRAMING);
+        let folded = fold(&framing, &found.axis, order, prepared.voxel_size);
         let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
         let (axis, sign_rule) = decide_sign(&found.axis, up, prepared.toward_sensors, &folded);
         let folded =
-            if axis == found.axis { folded } else { fold(&refined, &axis, order, prepared.voxel_size) };
+            if axis == found.axis { folded } else { fold(&framing, &axis, order, prepared.voxel_size) };
         let completion = complete(&refined.points, &axis, order, prepared.voxel_size);
 
         stages.begin("orient")?;
@@ -288,10 +289,14 @@ impl Estimator {
     fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
         let surface = &prepared.surface;
         let gate = Gate { distance: DETECTION_GATE * surface.spacing, ..self.final_gate(surface) };
-        detect_order(surface, axis, gate, prepared.visibility.as_ref(), &self.config.detect)
+        let mut params = self.config.detect.clone();
+        if self.config.order != Order::Auto {
+            params.ring_samples = params.ring_samples.min(REMARKED);
+        }
+        detect_order(surface, axis, gate, prepared.visibility.as_ref(), &params)
     }
 
-    /// Aligns on a part of the points, then on all, then moves the points too.
+    /// Aligns on a few of the points, then on many, then moves all points too.
     fn refine(&self, surface: &Surface, start: Axis, order: Order, control: &Control) -> Result<Refined> {
         let Config { residual, refine: params, .. } = &self.config;
         let turns = Turns::half(order, params.max_turns);
@@ -303,10 +308,11 @@ impl Estimator {
         let near =
             align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
+        let samples = surface.samples.strided(params.samples);
         let mut aligned =
-            align(surface, &surface.samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
+            align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
         aligned.gain = aligned.gain.min(near.gain);
-        refine_jointly(surface, &aligned, order, *residual, self.config.joint, params, control)
+        refine_jointly(surface, &samples, &aligned, order, *residual, self.config.joint, params, control)
     }
 
     fn final_gate(&self, surface: &Surface) -> Gate {
@@ -343,6 +349,12 @@ const COARSE: usize = 4000;
 
 /// Distance of a match when the order is found [point spacings].
 const DETECTION_GATE: f64 = 2.5;
+
+/// Points from which sign, origin and heading are taken.
+const FRAMING: usize = 60_000;
+
+/// Points that suffice to remark on a declared order, which they do not decide.
+const REMARKED: usize = 250;
 
 /// Score below which a pose counts as lost, and the search goes on.
 const TRACKED: f64 = 0.5;

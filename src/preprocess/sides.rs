@@ -112,6 +112,13 @@ impl Sides {
         let own = |patch: usize| {
             let (center, normal) = (Vector3::from(self.points[patch]), Vector3::from(self.normals[patch]));
             let (indices, _) = neighbors.of(self.voxel_of[patch] as usize);
+            let on_one_side = |&voxel: &u32| {
+                let [front, back] = patch_of_face[voxel as usize];
+                front == back && Vector3::from(self.normals[front as usize]).dot(&normal) > 0.0
+            };
+            if indices.iter().all(on_one_side) {
+                return self.normals[patch];
+            }
             let (mut sum, mut products, mut count) = (Vector3::zeros(), Matrix3::zeros(), 0);
             for &voxel in indices {
                 let [front, back] = patch_of_face[voxel as usize];

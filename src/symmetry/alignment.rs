@@ -103,16 +103,34 @@ struct Leverage {
 }
 
 /// One row of one match.
-struct Term {
-    /// Derivative of the residual by the position of the point.
-    row: Vector3<f64>,
-    /// Derivative of the residual by tilt and shift of the axis.
-    jacobian: Vector4<f64>,
+struct Term<'a> {
+    leverage: &'a Leverage,
+    /// From the axis to the point.
+    arm: Vector3<f64>,
+    /// Derivative of the residual by the position of the rotated point.
+    direction: Vector3<f64>,
     residual: f64,
     /// Robust weight, times that of the rotation.
     weight: f64,
     /// Robust cost of the whole match, given with its first row.
     cost: f64,
+}
+
+impl Term<'_> {
+    /// Derivative of the residual by the position of the point.
+    #[inline]
+    fn row(&self) -> Vector3<f64> {
+        self.leverage.turn.rotation.tr_mul(&self.direction)
+    }
+
+    /// Derivative of the residual by tilt and shift of the axis: with q the rotated point, dq/d(tilt) = [R d]_x (R - I)
+    /// and dq/d(shift) = I - R, in the plane normal to the axis.
+    #[inline]
+    fn jacobian(&self) -> Vector4<f64> {
+        let [u, v] = &self.leverage.lever;
+        let moment = self.direction.cross(&(self.leverage.turn.rotation * self.arm));
+        Vector4::new(u.dot(&moment), v.dot(&moment), -u.dot(&self.direction), -v.dot(&self.direction))
+    }
 }
 
 /// What the uncertainty of the axis is made of.
@@ -165,11 +183,12 @@ impl SelfAlignment<'_> {
             point_gradient: directions.tr_mul(&offset) * self.anchor,
         };
         self.visit(unknowns, leverages, i, |term, _| {
-            let &Term { row, jacobian, residual, weight, cost } = term;
-            block.axis.hessian += jacobian * jacobian.transpose() * weight;
+            let &Term { residual, weight, cost, .. } = term;
+            let jacobian = term.jacobian();
+            block.axis.hessian += jacobian * (jacobian * weight).transpose();
             block.axis.gradient += jacobian * (weight * residual);
             if D > 0 {
-                let s = directions.tr_mul(&row);
+                let s = directions.tr_mul(&term.row());
                 block.point_hessian += s * s.transpose() * weight;
                 block.point_gradient += s * (weight * residual);
                 block.coupling += jacobian * s.transpose() * weight;
@@ -186,26 +205,14 @@ impl SelfAlignment<'_> {
         let arm = point - unknowns.axis.point;
         for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
             let Some(j) = matched else { continue };
-            let rotation = &leverage.turn.rotation;
             let difference = leverage.turn.apply(&point) - self.surface.samples.points[j];
-            let rows =
-                self.residual.rows(&(rotation * self.samples.normals[i]), &self.surface.samples.normals[j]);
+            let normal = leverage.turn.rotation * self.samples.normals[i];
+            let rows = self.residual.rows(&normal, &self.surface.samples.normals[j]);
             let norm = rows.residual(&difference);
             let weight = leverage.weight * self.loss.weight(norm);
             let mut cost = leverage.weight * self.loss.cost(norm);
-            let rotated_arm = rotation * arm;
-            let [lever_u, lever_v] = &leverage.lever;
-            for m in rows.as_slice() {
-                // dq/d(tilt) = [R d]_x (R - I) and dq/d(shift) = I - R, in the plane normal to the axis.
-                let moment = m.cross(&rotated_arm);
-                let jacobian = Vector4::new(
-                    lever_u.dot(&moment),
-                    lever_v.dot(&moment),
-                    -lever_u.dot(m),
-                    -lever_v.dot(m),
-                );
-                let row = rotation.tr_mul(m);
-                f(&Term { row, jacobian, residual: m.dot(&difference), weight, cost }, j);
+            for &direction in rows.as_slice() {
+                f(&Term { leverage, arm, direction, residual: direction.dot(&difference), weight, cost }, j);
                 cost = 0.0;
             }
         }
@@ -264,9 +271,15 @@ impl SelfAlignment<'_> {
             for (local, offset) in offsets.iter_mut().enumerate() {
                 let i = chunk * CHUNK + local;
                 let directions = directions(i);
-                let block = self.block(unknowns, &leverages, i, &directions);
-                if let Some(inverse) = block.point_hessian.try_inverse() {
-                    *offset -= directions * (inverse * (block.point_gradient + block.coupling.tr_mul(step)));
+                let mut hessian = SMatrix::<f64, D, D>::identity() * self.anchor;
+                let mut gradient = directions.tr_mul(offset) * self.anchor;
+                self.visit(unknowns, &leverages, i, |term, _| {
+                    let s = directions.tr_mul(&term.row());
+                    hessian += s * s.transpose() * term.weight;
+                    gradient += s * (term.weight * (term.residual + term.jacobian().dot(step)));
+                });
+                if let Some(inverse) = hessian.try_inverse() {
+                    *offset -= directions * (inverse * gradient);
                 }
                 let length = offset.norm();
                 if length > self.max_offset {
@@ -286,6 +299,8 @@ impl SelfAlignment<'_> {
         const PATCHES: usize = 256;
         let count = self.samples.points.len();
         let size = count.div_ceil(PATCHES).max(1);
+        // The samples are strided from the surface, so that a patch is the same share of both.
+        let patch_of_match = |j: usize| j * count / self.surface.len() / size;
         let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
         let leverages = self.leverages(axis);
         let parts: Vec<(Matrix4<f64>, Vec<Vector4<f64>>)> = (0..count.div_ceil(size))
@@ -295,10 +310,11 @@ impl SelfAlignment<'_> {
                 let mut gradients = vec![Vector4::zeros(); PATCHES];
                 for i in patch * size..((patch + 1) * size).min(count) {
                     self.visit(&unknowns, &leverages, i, |term, j| {
-                        hessian += term.jacobian * term.jacobian.transpose() * term.weight;
-                        let gradient = term.jacobian * (term.weight * term.residual);
+                        let jacobian = term.jacobian();
+                        hessian += jacobian * (jacobian * term.weight).transpose();
+                        let gradient = jacobian * (term.weight * term.residual);
                         gradients[patch] += gradient;
-                        gradients[j / size] += gradient;
+                        gradients[patch_of_match(j)] += gradient;
                     });
                 }
                 (hessian, gradients)

@@ -6,9 +6,13 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
+
+/// Points in a unit of parallel work.
+const CHUNK: usize = 2048;
 
 /// The completed part.
 #[derive(Debug, Clone, Default)]
@@ -62,10 +66,11 @@ pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -
     let surface_from_axis = axis_frame(axis);
     let axis_from_surface = surface_from_axis.inverse();
     let mut folded: Vec<Folded> = points
-        .iter()
+        .par_iter()
+        .with_min_len(CHUNK)
         .map(|point| {
             let p = axis_from_surface.rotation * (point - axis.point);
-            let ring = (p.xy().norm() / cell) as i32;
+            let ring = (p.xy().norm_squared().sqrt() / cell) as i32;
             let grid = Ring::new(order, ring);
             let turn = (p.y.atan2(p.x) / TAU).rem_euclid(1.0) * f64::from(grid.sectors);
             let sector = (turn as u32).min(grid.sectors - 1);
@@ -74,7 +79,7 @@ pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -
             Folded { key: ((p.z / cell).floor() as i32, ring, column), sector, position: turned(&p, back) }
         })
         .collect();
-    folded.sort_by_key(|f| (f.key, f.sector));
+    folded.par_sort_by_key(|f| (f.key, f.sector));
 
     let mut completion = Completion::default();
     let mut measured = 0usize;

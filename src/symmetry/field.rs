@@ -6,8 +6,8 @@
 
 use nalgebra::Vector3;
 
-/// No point within reach.
-const NONE: u32 = u32::MAX;
+/// Edge of a tile \[cells\]: cells that are close in space are close in memory.
+const TILE: usize = 8;
 
 /// Cells of the table, at most; a finer grid is coarsened to this.
 const MAX_CELLS: f64 = 16_777_216.0;
@@ -20,6 +20,10 @@ pub(crate) struct NearestField {
     /// Edge of a cell \[length\].
     cell: f64,
     size: [usize; 3],
+    /// From a tile to the next one along each axis.
+    tile_strides: [usize; 3],
+    /// Tile by tile; one more than the index of a point, or 0 where no point is within reach: memory that comes zeroed is
+    /// not touched before it is written.
     nearest: Vec<u32>,
 }
 
@@ -36,9 +40,12 @@ impl NearestField {
         }
         let size: [usize; 3] = cells(cell).map(|n| n as usize).into();
         let origin = lower.add_scalar(-reach - 1.5 * cell);
-        let mut field = Self { origin, cell, size, nearest: vec![NONE; size.iter().product()] };
+        let [x, y, z] = size.map(|n| n.div_ceil(TILE));
+        let tile = TILE.pow(3);
+        let tile_strides = [tile, tile * x, tile * x * y];
+        let mut field = Self { origin, cell, size, tile_strides, nearest: vec![0; tile * x * y * z] };
         let mut front = Vec::new();
-        for (i, point) in (0_u32..).zip(points) {
+        for (i, point) in (1_u32..).zip(points) {
             let [x, y, z] = ((point - origin) / cell).map(|x| x as u32).into();
             field.offer(points, [x, y, z], i, &mut front);
         }
@@ -52,7 +59,7 @@ impl NearestField {
                 for step in STEPS {
                     let beside: [u32; 3] = std::array::from_fn(|i| at[i].wrapping_add_signed(step[i]));
                     let inside = (0..3).all(|i| (beside[i] as usize) < field.size[i]);
-                    if inside && (points[point as usize] - field.center(beside)).norm_squared() < useful {
+                    if inside && (points[point as usize - 1] - field.center(beside)).norm_squared() < useful {
                         field.offer(points, beside, point, &mut next);
                     }
                 }
@@ -66,12 +73,12 @@ impl NearestField {
     fn offer(&mut self, points: &[Vector3<f64>], at: [u32; 3], point: u32, front: &mut Vec<[u32; 3]>) {
         let index = self.index(at);
         let held = self.nearest[index];
-        if held == NONE {
+        if held == 0 {
             self.nearest[index] = point;
             front.push(at);
         } else if held != point {
             let center = self.center(at);
-            let distance_sq = |i: u32| (points[i as usize] - center).norm_squared();
+            let distance_sq = |i: u32| (points[i as usize - 1] - center).norm_squared();
             if distance_sq(point) < distance_sq(held) {
                 self.nearest[index] = point;
             }
@@ -82,11 +89,18 @@ impl NearestField {
         self.origin + Vector3::from(at.map(|x| (f64::from(x) + 0.5) * self.cell))
     }
 
-    fn index(&self, [x, y, z]: [u32; 3]) -> usize {
-        (z as usize * self.size[1] + y as usize) * self.size[0] + x as usize
+    fn index(&self, at: [u32; 3]) -> usize {
+        (0..3).map(|axis| self.stride(axis, at[axis] as usize)).sum()
     }
 
-    /// The points known to the eight cells whose centres surround `query`; the nearest point is nearly always among them.
+    /// What a coordinate adds to the place in the table.
+    #[inline]
+    fn stride(&self, axis: usize, at: usize) -> usize {
+        at / TILE * self.tile_strides[axis] + at % TILE * TILE.pow(axis as u32)
+    }
+
+    /// One more than the indices of the points known to the eight cells whose centres surround `query`, 0 for none; the
+    /// nearest point is nearly always among them.
     #[inline]
     pub(crate) fn around(&self, query: &Vector3<f64>) -> Option<[u32; 8]> {
         let at = (query - self.origin) / self.cell;
@@ -95,13 +109,11 @@ impl NearestField {
         if !inside {
             return None;
         }
-        let [x, y, z] = at.map(|x| (x - 0.5) as u32).into();
-        let corner = self.index([x, y, z]);
-        let [row, slice] = [self.size[0], self.size[0] * self.size[1]];
-        Some(
-            [0, 1, row, row + 1, slice, slice + 1, slice + row, slice + row + 1]
-                .map(|o| self.nearest[corner + o]),
-        )
+        let [x, y, z]: [[usize; 2]; 3] = std::array::from_fn(|axis| {
+            let low = (at[axis] - 0.5) as usize;
+            [self.stride(axis, low), self.stride(axis, low + 1)]
+        });
+        Some(std::array::from_fn(|i| self.nearest[x[i & 1] + y[i >> 1 & 1] + z[i >> 2]]))
     }
 }
 

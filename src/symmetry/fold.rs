@@ -78,7 +78,7 @@ pub fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -> Folde
         .map(|(point, normal)| {
             let p = to_axis * (point - axis.point);
             let n = to_axis * normal;
-            let radius = p.xy().norm();
+            let radius = p.xy().norm_squared().sqrt();
             FoldedPoint {
                 radius,
                 angle: p.y.atan2(p.x),

@@ -16,6 +16,7 @@ pub mod residual;
 pub mod robust;
 pub mod score;
 pub mod search;
+pub mod settle;
 pub mod solver;
 pub mod surface;
 pub mod visibility;

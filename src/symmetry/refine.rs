@@ -10,13 +10,16 @@ use crate::symmetry::alignment::{Correspondences, Sandwich, SelfAlignment, Unkno
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::robust::{Huber, robust_sigma};
-use crate::symmetry::solver::{RobustProblem, minimize};
+use crate::symmetry::settle::Rest;
+use crate::symmetry::solver::{Minimum, RobustProblem, minimize};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// How an axis is refined.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefineParams {
+    /// Points on which the axis is refined, at most; more of them change less than the noise does (BENCHMARK.md).
+    pub samples: usize,
     /// Rotations used for the axis, at most.
     pub max_turns: usize,
     /// Rotations used for the joint optimisation, at most.
@@ -43,6 +46,7 @@ pub struct RefineParams {
 impl Default for RefineParams {
     fn default() -> Self {
         Self {
+            samples: 20_000,
             max_turns: 5,
             max_joint_turns: 12,
             gate: 2.0,
@@ -212,13 +216,16 @@ pub fn align(
     Ok(refined)
 }
 
-/// The paper's joint optimisation: axis and points together, from an aligned axis. With `joint` false the points stay
-/// where they were measured, and only the information about the axis is gathered.
+/// The paper's joint optimisation: axis and points together, from an aligned axis, on `samples` of the surface; then all
+/// points of the surface follow the axis. With `joint` false the points stay where they were measured, and only the
+/// information about the axis is gathered.
 ///
 /// # Errors
 /// When the work is cancelled.
+#[allow(clippy::too_many_arguments)]
 pub fn refine_jointly(
     surface: &Surface,
+    samples: &Samples,
     aligned: &Refined,
     order: Order,
     residual: Residual,
@@ -229,12 +236,9 @@ pub fn refine_jointly(
     let (centroid, radius) = (surface.centroid, surface.radius);
     let turns = Turns::all(order, params.max_joint_turns);
     let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
-    let offsets = if joint { vec![Vector3::zeros(); surface.len()] } else { Vec::new() };
-    let unknowns = Unknowns { axis: aligned.axis, offsets };
     control.check()?;
-    let samples = &surface.samples;
-    let correspondences = Correspondences::find(surface, samples, &unknowns.axis, &turns, gate);
-    let mut found = residuals(surface, samples, &unknowns.axis, &turns, &correspondences, residual);
+    let correspondences = Correspondences::find(surface, samples, &aligned.axis, &turns, gate);
+    let mut found = residuals(surface, samples, &aligned.axis, &turns, &correspondences, residual);
     let sigma = robust_sigma(&mut found).max(1e-9 * radius);
     let problem = SelfAlignment {
         surface,
@@ -246,18 +250,23 @@ pub fn refine_jointly(
         anchor: params.anchor,
         max_offset: surface.spacing,
     };
-    let matches = correspondences.count().max(1) as f64;
-    let (unknowns, costs) = if joint {
-        let solved = minimize(&problem, unknowns, params.max_joint_steps)?;
-        (solved.param, solved.costs)
+    let moving = if joint { samples.points.len() } else { 0 };
+    let unknowns = Unknowns { axis: aligned.axis, offsets: vec![Vector3::zeros(); moving] };
+    let (axis, costs, offsets) = if joint {
+        let Minimum { param, costs } = minimize(&problem, unknowns, params.max_joint_steps)?;
+        let axis = param.axis.recentered(&centroid);
+        control.check()?;
+        let SelfAlignment { turns, loss, anchor, max_offset, .. } = problem;
+        let rest = Rest { turns, gate, residual, loss, anchor, max_offset, steps: params.max_joint_steps };
+        (axis, costs, rest.offsets(surface, &axis))
     } else {
-        let cost = problem.cost(&unknowns)?;
-        (unknowns, [cost; 2])
+        (aligned.axis, [problem.cost(&unknowns)?; 2], Vec::new())
     };
+    let matches = correspondences.count().max(1) as f64;
     Ok(Refined {
-        axis: unknowns.axis.recentered(&centroid),
-        sandwich: problem.sandwich(&unknowns.axis.recentered(&centroid)),
-        offsets: unknowns.offsets,
+        axis,
+        sandwich: problem.sandwich(&axis),
+        offsets,
         sigma,
         share: correspondences.share(),
         costs: costs.map(|cost| cost / matches).to_vec(),

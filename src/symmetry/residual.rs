@@ -38,7 +38,7 @@ impl Residual {
     /// Point-to-plane takes the *normalised* sum of both normals, which is exact to second order (Rusinkiewicz, A
     /// symmetric objective function for ICP, 2019); normals of unknown orientation are first made to agree.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub fn rows(self, normal: &Vector3<f64>, matched: &Vector3<f64>) -> Rows {
         match self {
             Self::PointToPoint => Rows { rows: [Vector3::x(), Vector3::y(), Vector3::z()], len: 3 },

@@ -48,6 +48,7 @@ pub struct Surface {
     pub centroid: Vector3<f64>,
     /// Root mean square distance of the points from it \[length\].
     pub radius: f64,
+    /// The first one stands for no point and is infinitely far.
     packed: Vec<Packed>,
     /// Tables from fine to coarse, each with the largest gate that it serves \[length\].
     fields: [(f64, NearestField); 3],
@@ -67,16 +68,14 @@ impl Surface {
             || table(gates[0], spacing),
             || (table(gates[1], 3.0 * spacing), table(gates[2], 0.25 * gates[2])),
         );
-        let packed = samples
-            .points
-            .iter()
-            .zip(&samples.normals)
-            .map(|(p, n)| Packed {
-                point: p.map(|x| x as f32).into(),
-                normal: n.map(|x| x as f32).into(),
-                _padding: [0.0; 2],
-            })
-            .collect();
+        let pack = |(p, n): (&Vector3<f64>, &Vector3<f64>)| Packed {
+            point: p.map(|x| x as f32).into(),
+            normal: n.map(|x| x as f32).into(),
+            _padding: [0.0; 2],
+        };
+        let nowhere = Packed { point: [f32::INFINITY; 3], normal: [0.0; 3], _padding: [0.0; 2] };
+        let packed =
+            std::iter::once(nowhere).chain(samples.points.iter().zip(&samples.normals).map(pack)).collect();
         let count = samples.points.len() as f64;
         let centroid = samples.points.iter().sum::<Vector3<f64>>() / count;
         let spread: f64 = samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
@@ -107,27 +106,22 @@ impl Surface {
             [fine, middle].into_iter().find(|(reach, _)| gate.distance <= *reach).unwrap_or(coarse);
         let query: [f32; 3] = point.map(|x| x as f32).into();
         let normal: [f32; 3] = normal.map(|x| x as f32).into();
-        let mut best = ((gate.distance * gate.distance) as f32, None);
-        let mut last = u32::MAX;
-        for candidate in field.around(point)? {
-            // Neighbouring cells mostly know the same point; the largest index stands for none.
-            if candidate == last || candidate == u32::MAX {
-                continue;
-            }
-            last = candidate;
-            let known = &self.packed[candidate as usize];
+        // Neighbouring cells mostly know the same point; looking at it again costs less than finding that out. Distance and
+        // index as one number: the bits of a float that is not negative are in order.
+        let nearest = field.around(point)?.map(|slot| {
+            let known = &self.packed[slot as usize];
             let distance_sq = (0..3).map(|i| (known.point[i] - query[i]).powi(2)).sum::<f32>();
-            if distance_sq < best.0 {
-                best = (distance_sq, Some(candidate));
-            }
-        }
-        let found = &self.packed[best.1? as usize];
-        let cosine = (0..3).map(|i| found.normal[i] * normal[i]).sum::<f32>();
-        let agreement = if self.oriented { cosine } else { cosine.abs() };
-        if agreement < gate.cosine as f32 {
+            u64::from(distance_sq.to_bits()) << 32 | u64::from(slot)
+        });
+        let best = nearest.into_iter().min()?;
+        let (distance_sq, slot) = (f32::from_bits((best >> 32) as u32), best as u32);
+        if f64::from(distance_sq) >= gate.distance * gate.distance {
             return None;
         }
-        best.1
+        let found = &self.packed[slot as usize];
+        let cosine = (0..3).map(|i| found.normal[i] * normal[i]).sum::<f32>();
+        let agreement = if self.oriented { cosine } else { cosine.abs() };
+        (agreement >= gate.cosine as f32).then(|| slot - 1)
     }
 }
 
