@@ -93,6 +93,8 @@ pub struct OutlierParams {
     pub k: usize,
     /// Standard deviations beyond the mean at which the statistical filter cuts.
     pub std_ratio: f64,
+    /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it].
+    pub off_surface: f64,
     /// Gap that separates clusters \[diameters\].
     pub cluster_distance: f64,
     /// Size at which a cluster is kept beside the main one [share of the main one].
@@ -106,6 +108,7 @@ impl Default for OutlierParams {
             min_neighbors: 4,
             k: 20,
             std_ratio: 5.0,
+            off_surface: 6.0,
             cluster_distance: 0.05,
             cluster_ratio: 0.05,
         }

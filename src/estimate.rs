@@ -10,7 +10,7 @@ use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
-use crate::remarks::{UNSEEN, ambiguity, order_warning};
+use crate::remarks::{UNSEEN, ambiguity, lost_returns, order_warning};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -124,7 +124,7 @@ impl Estimator {
             candidates = self.candidates(&prepared, &searched)?;
             settled = self.settle(&prepared, &candidates, control);
         }
-        let Settled { refined: found, order, score, detection, mut warnings } = settled?;
+        let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled?;
         let refined = Samples {
             points: displaced(&surface.samples.points, &found),
             normals: surface.samples.normals.clone(),
@@ -148,6 +148,9 @@ impl Estimator {
         stages.flag(ORIENTED, surface.oriented);
         stages.number("coverage", completion.coverage);
         stages.series("outcomes", &score.counts());
+        if let Some(visibility) = &prepared.visibility {
+            stages.number("dropout", visibility.dropout);
+        }
         stages.number("sigma", found.sigma);
         stages.number("gain", found.gain);
         stages.number("rounds", found.rounds as f64);
@@ -190,7 +193,7 @@ impl Estimator {
         Ok(Estimate {
             world_from_object: prepared.world_from_local * local_from_object,
             order,
-            score: score.trust(surface.oriented),
+            score: score.trust(surface.oriented) * if ambiguous { AMBIGUOUS } else { 1.0 },
             explained: detection.explained,
             covariance,
             unobservable,
@@ -270,13 +273,18 @@ impl Estimator {
                 match_score(surface, &samples, &refined.axis, &turns, gate, prepared.visibility.as_ref());
             let mut warnings = Vec::new();
             warnings.extend(order_warning(declared, &detection));
-            warnings.extend(ambiguity(candidate, candidates));
+            let ambiguity = ambiguity(candidate, candidates);
+            let ambiguous = ambiguity.is_some();
+            warnings.extend(ambiguity);
             if declared == Order::Auto && !surface.oriented {
                 warnings.push(UNSEEN.to_owned());
             }
+            if declared == Order::Auto {
+                warnings.extend(prepared.visibility.as_ref().and_then(|v| lost_returns(v.dropout)));
+            }
             let trust = score.trust(surface.oriented);
             if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
-                best = Some(Settled { refined, order, score, detection, warnings });
+                best = Some(Settled { refined, order, score, detection, ambiguous, warnings });
             }
             // Where the first axis is not to be trusted, the next one of the search may be.
             if trust >= TRACKED {
@@ -359,12 +367,17 @@ const REMARKED: usize = 250;
 /// Score below which a pose counts as lost, and the search goes on.
 const TRACKED: f64 = 0.5;
 
+/// What is left of the score when another axis explains the data about as well: the answer is one of two.
+const AMBIGUOUS: f64 = 0.5;
+
 /// An axis with the order that holds about it.
 struct Settled {
     refined: Refined,
     order: Order,
     score: MatchScore,
     detection: Detection,
+    /// Another axis explains the data about as well.
+    ambiguous: bool,
     warnings: Vec<String>,
 }
 

@@ -3,12 +3,13 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
+use crate::clean::clean;
 use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite, OutlierParams};
 use crate::error::{Error, Result};
 use crate::preprocess::{
-    ClusterParams, Ground, GroundParams, KNeighbors, Sides, find_ground, main_cluster, median_spacing,
-    normals_from_neighbors, separate_sides, statistical_inliers, voxel_downsample,
+    ClusterParams, Ground, GroundParams, KNeighbors, Normals, Sides, find_ground, main_cluster,
+    median_spacing, normals_from_neighbors, separate_sides, voxel_downsample,
 };
 use crate::spatial::KdTree;
 use crate::stages::Stages;
@@ -89,13 +90,15 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
     let neighbors = KNeighbors::new(&tree, &grid.points, config.normals.k.max(config.outliers.k))?;
-    let kept = clean(&grid.points, &neighbors, voxel_size, diameter, config)?;
+    let Normals { normals, deviation, .. } =
+        normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
+    let kept =
+        clean(&grid.points, &neighbors, &deviation, visibility.as_ref(), voxel_size, diameter, config)?;
     stages.number("surface_points", kept.len() as f64);
     enough("outliers", kept.len())?;
 
     stages.begin("normals")?;
     let counts = grid.points.len();
-    let normals = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?.normals;
     let mut sides = match &part.viewpoints {
         Some(viewpoints) => separate_sides(&part.points, viewpoints, &grid, &normals, &neighbors),
         None => Sides {
@@ -323,32 +326,6 @@ fn default_voxel(points: &[[f64; 3]], diameter: f64, per_diameter: f64) -> Resul
     let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
     let size = (diameter / per_diameter).max(1.2 * spacing);
     if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
-}
-
-/// Radius filter, statistical filter, then the main cluster; kept voxels, ascending.
-fn clean(
-    points: &[[f64; 3]],
-    neighbors: &KNeighbors,
-    voxel_size: f64,
-    diameter: f64,
-    config: &Config,
-) -> Result<Vec<u32>> {
-    let params = &config.outliers;
-    let radius_sq = (params.radius * voxel_size).powi(2);
-    // A point is its own first neighbour, so the neighbour of rank `min_neighbors` decides.
-    let crowded = |i: usize| {
-        let (_, distances_sq) = neighbors.of(i);
-        distances_sq.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq)
-    };
-    let regular = statistical_inliers(neighbors, &params.statistical())?;
-    let kept: Vec<u32> = regular.into_iter().filter(|&i| crowded(i as usize)).collect();
-    if config.cluster == ClusterMode::Off || kept.is_empty() {
-        return Ok(kept);
-    }
-    let rows: Vec<[f64; 3]> = kept.iter().map(|&i| points[i as usize]).collect();
-    let distance = (params.cluster_distance * diameter).max(3.0 * voxel_size);
-    let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: params.cluster_ratio })?;
-    Ok(clusters.kept.into_iter().map(|i| kept[i as usize]).collect())
 }
 
 /// Normals given by the caller win over estimated ones where there are any; those of a patch are made to agree first.

@@ -23,6 +23,19 @@ pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<St
     }
 }
 
+/// Says so when the sensor loses so much that gaps in the part are hard to tell from gaps in the scan.
+pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
+    /// Returns lost for each that comes.
+    const MANY: f64 = 0.05;
+    (dropout > MANY).then(|| {
+        let percent = 100.0 * dropout / (1.0 + dropout);
+        format!(
+            "about {percent:.0} % of the returns are missing where a surface should be seen: gaps in the part look like \
+             gaps in the scan, so declare the order where it is known"
+        )
+    })
+}
+
 /// Says so when another axis came out of the search that explains the data about as well, as for a cube.
 pub(crate) fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
     /// Share of the score of the chosen axis.

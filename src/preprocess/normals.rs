@@ -34,6 +34,29 @@ pub struct Normals {
     pub normals: Vec<[f64; 3]>,
     /// Share of the smallest of the three variances of the neighbourhood, in [0, 1/3]: 0 on a plane.
     pub surface_variation: Vec<f64>,
+    /// Distance of every point from the plane through its neighbours [standard deviations of theirs]; large where a point
+    /// lies off the surface that they form.
+    pub deviation: Vec<f64>,
+}
+
+/// One local plane.
+#[derive(Clone, Copy, Default)]
+struct Plane {
+    normal: [f64; 3],
+    surface_variation: f64,
+    deviation: f64,
+}
+
+impl FromIterator<Plane> for Normals {
+    fn from_iter<I: IntoIterator<Item = Plane>>(planes: I) -> Self {
+        let mut all = Self { normals: Vec::new(), surface_variation: Vec::new(), deviation: Vec::new() };
+        for plane in planes {
+            all.normals.push(plane.normal);
+            all.surface_variation.push(plane.surface_variation);
+            all.deviation.push(plane.deviation);
+        }
+        all
+    }
 }
 
 /// Unit normals by principal components of the `k` nearest neighbours; `tree` must hold `points`.
@@ -49,8 +72,7 @@ pub fn estimate_normals(points: &[[f64; 3]], tree: &KdTree, params: &NormalParam
         let within = found.iter().take_while(|n| n.distance_sq <= reach_sq);
         local_plane(points, &points[point], within.map(|n| n.index))
     })?;
-    let (normals, surface_variation) = planes.into_iter().unzip();
-    Ok(Normals { normals, surface_variation })
+    Ok(planes.into_iter().collect())
 }
 
 /// [`estimate_normals`] with neighbours that are known already; of more than `k`, the first `k` are used.
@@ -76,9 +98,8 @@ pub fn normals_from_neighbors(
             indices.iter().zip(distances_sq).take(params.k).take_while(|&(_, &square)| square <= reach_sq);
         local_plane(points, &points[point], within.map(|(&index, _)| index))
     };
-    let (normals, surface_variation) =
-        (0..points.len()).into_par_iter().with_min_len(CHUNK).map(plane).unzip();
-    Ok(Normals { normals, surface_variation })
+    let planes: Vec<Plane> = (0..points.len()).into_par_iter().with_min_len(CHUNK).map(plane).collect();
+    Ok(planes.into_iter().collect())
 }
 
 /// Checks the settings; the square of the largest distance.
@@ -96,12 +117,12 @@ fn check(params: &NormalParams) -> Result<f64> {
     }
 }
 
-/// Normal and surface variation of the points with these indices.
-fn local_plane(
-    points: &[[f64; 3]],
-    center: &[f64; 3],
-    indices: impl Iterator<Item = u32>,
-) -> ([f64; 3], f64) {
+/// Standard deviation of neighbours about their plane, at least [reach of the neighbourhood]: on a plane without noise
+/// rounding is all there is.
+const LEAST_SPREAD: f64 = 0.05;
+
+/// The plane of the points with these indices, that of `center` among them.
+fn local_plane(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<Item = u32>) -> Plane {
     // Relative to the point itself the coordinates are small, so one pass loses nothing.
     let [mut x, mut y, mut z, mut count] = [0.0; 4];
     let [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz] = [0.0; 6];
@@ -124,7 +145,19 @@ fn local_plane(
     let covariance = products - sum * (sum / f64::max(count, 1.0)).transpose();
     let (normal, [smallest, middle, largest]) = smallest_eigenvector(&covariance);
     let total = smallest.max(0.0) + middle.max(0.0) + largest;
-    (normal.into(), if total > 0.0 { smallest.max(0.0) / total } else { 0.0 })
+    if total <= 0.0 {
+        return Plane { normal: normal.into(), ..Plane::default() };
+    }
+    // Without the point itself, whose own distance would hide in the scatter.
+    let others = f64::max(count - 1.0, 1.0);
+    let distance = normal.dot(&sum).abs() / others;
+    let spread_sq = (smallest - distance * distance * others / count) / others;
+    let least = LEAST_SPREAD * (largest / others).sqrt();
+    Plane {
+        normal: normal.into(),
+        surface_variation: smallest.max(0.0) / total,
+        deviation: distance / spread_sq.max(least * least).sqrt(),
+    }
 }
 
 /// Flips normals toward the sensor: `viewpoint_of` gives for a point the position it was seen from, where known.

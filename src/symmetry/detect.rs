@@ -39,6 +39,8 @@ pub struct DetectParams {
     pub refused: f64,
     /// Share of the observed surface that a symmetry must explain.
     pub explained: f64,
+    /// The same for a surface of revolution with structure that fits no order: a seam passes, the handle of a mug does not.
+    pub explained_seamed: f64,
     /// The same as `refused` where no viewpoint is known.
     pub unseen_refused: f64,
     /// Contrast between the best order and generic angles, at least, where no viewpoint is known [share of the latter].
@@ -60,6 +62,7 @@ impl Default for DetectParams {
             support: 0.2,
             refused: 0.09,
             explained: 0.96,
+            explained_seamed: 0.985,
             unseen_refused: 0.35,
             unseen_contrast: 0.3,
             twisted: 0.04,
@@ -86,28 +89,45 @@ pub struct Detection {
 #[derive(Debug, Clone, Copy, Default)]
 struct Tally {
     agreeing: f64,
-    against: f64,
+    contradicted: f64,
+    missing: f64,
+    /// Returns that the sensor loses for each that comes: so many of the missing ones say nothing.
+    dropout: f64,
 }
 
 impl Tally {
+    fn new(dropout: f64) -> Self {
+        Self { dropout, ..Self::default() }
+    }
+
     fn add(&mut self, outcome: Outcome) {
         match outcome {
             Outcome::Matched => self.agreeing += 1.0,
-            Outcome::Contradicted => self.against += 1.0,
-            Outcome::Missing => self.against += MISSING,
+            Outcome::Contradicted => self.contradicted += 1.0,
+            Outcome::Missing => self.missing += MISSING,
             Outcome::Hidden => {}
         }
     }
 
     fn merge(&mut self, other: &Self) {
         self.agreeing += other.agreeing;
-        self.against += other.against;
+        self.contradicted += other.contradicted;
+        self.missing += other.missing;
+    }
+
+    fn against(&self) -> f64 {
+        self.contradicted + f64::max(self.missing - self.dropout * self.agreeing, 0.0)
+    }
+
+    /// All that says anything.
+    fn total(&self) -> f64 {
+        self.agreeing + self.against()
     }
 
     /// Share of the evidence that speaks against; 1 when there is none for it.
     fn share_against(&self) -> f64 {
-        let total = self.agreeing + self.against;
-        if total > 0.0 { self.against / total } else { 1.0 }
+        let total = self.total();
+        if total > 0.0 { self.against() / total } else { 1.0 }
     }
 }
 
@@ -128,6 +148,8 @@ struct Sweep {
     fractions: Vec<(u32, u32)>,
     row_of: HashMap<(u32, u32), usize>,
     outcomes: Vec<Vec<Outcome>>,
+    /// Of the sensor; see [`Visibility`].
+    dropout: f64,
 }
 
 impl Sweep {
@@ -152,14 +174,15 @@ impl Sweep {
             })
             .collect();
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
-        Self { fractions, row_of, outcomes }
+        let dropout = visibility.map_or(0.0, |v| v.dropout);
+        Self { fractions, row_of, outcomes, dropout }
     }
 
     /// Evidence at k/n over the chosen samples.
     fn tally(&self, k: u32, n: u32, chosen: &[usize]) -> Tally {
         let divisor = gcd(k, n);
         let reduced = (k / divisor, n / divisor);
-        let mut tally = Tally::default();
+        let mut tally = Tally::new(self.dropout);
         if let Some(&row) = self.row_of.get(&reduced) {
             for &i in chosen {
                 tally.add(self.outcomes[row][i]);
@@ -172,12 +195,12 @@ impl Sweep {
     fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
         /// A multiple with less evidence than this decides nothing alone.
         const ENOUGH: f64 = 10.0;
-        let mut evidence = OrderEvidence::default();
+        let mut evidence = OrderEvidence { sum: Tally::new(self.dropout), ..OrderEvidence::default() };
         let mut most_agreeing = f64::MIN_POSITIVE;
         let mut primitive = (0.0, 0.0);
         for k in 1..=n / 2 {
             let tally = self.tally(k, n, chosen);
-            if tally.agreeing + tally.against >= ENOUGH {
+            if tally.total() >= ENOUGH {
                 evidence.worst = evidence.worst.max(tally.share_against());
             }
             most_agreeing = most_agreeing.max(tally.agreeing);
@@ -194,7 +217,7 @@ impl Sweep {
     /// Evidence at generic angles: fractions of a large denominator, which few orders share.
     fn generic(&self, chosen: &[usize]) -> Tally {
         let largest = self.fractions.last().map_or(2, |&(_, n)| n);
-        let mut sum = Tally::default();
+        let mut sum = Tally::new(self.dropout);
         for (row, &(_, n)) in self.fractions.iter().enumerate() {
             if 3 * n > 2 * largest {
                 for &i in chosen {
@@ -251,7 +274,7 @@ fn structured_rings(
 fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize> {
     let contradicted = |i: usize| {
         let tally = sweep.generic(&[i]);
-        tally.against > 0.0 && tally.share_against() > threshold
+        tally.against() > 0.0 && tally.share_against() > threshold
     };
     (0..count).into_par_iter().filter(|&i| contradicted(i)).collect()
 }
@@ -313,7 +336,7 @@ pub fn detect_order(
             detection.order = (detection.explained >= params.explained).then_some(Order::Cyclic(n));
         }
         // What structure there is fits no order: a dent or a seam on a surface of revolution, or no symmetry at all.
-        _ if detection.explained >= params.explained => {}
+        _ if detection.explained >= params.explained_seamed => {}
         _ => {
             detection.order = None;
             detection.explained = 1.0 - share * floor;

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::control::Control;
 use crate::error::Result;
+use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::{DetectParams, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::propose::{Proposal, ProposeParams, propose};
@@ -86,22 +87,14 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     let context = SearchContext { propose: &params, ..*context };
     let mut found: Vec<Found> = Vec::new();
     for hypothesis in HYPOTHESES {
-        for mut proposal in propose_under(surface, hypothesis, &context)? {
-            let same = |f: &Found| {
-                f.proposal.axis.angle_to(&proposal.axis) < 0.02
-                    && f.proposal.axis.distance(&proposal.axis.point) < 0.01 * context.diameter
-            };
-            if found.iter().any(same) {
-                continue;
-            }
-            let detection = detect_order(surface, &proposal.axis, context.gate, context.visibility, &quick);
-            let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
-            let samples = surface.samples.strided(1000);
-            proposal.score =
-                match_score(surface, &samples, &proposal.axis, &turns, context.gate, context.visibility);
-            found.push(Found { proposal, order: detection.order, explained: detection.explained });
+        for proposal in propose_under(surface, hypothesis, &context)? {
+            consider(&mut found, surface, proposal.axis, hypothesis, &quick, &context);
             context.control.check()?;
         }
+    }
+    for axis in across(&found) {
+        consider(&mut found, surface, axis, Order::Continuous, &quick, &context);
+        context.control.check()?;
     }
     let best =
         found.iter().filter(|f| f.order.is_some()).map(|f| f.proposal.score.value()).fold(0.0, f64::max);
@@ -115,6 +108,56 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
         rank(b).cmp(&rank(a)).then(b.proposal.score.value().total_cmp(&a.proposal.score.value()))
     });
     Ok(found)
+}
+
+/// Asks an axis for its order, unless it is known already.
+fn consider(
+    found: &mut Vec<Found>,
+    surface: &Surface,
+    axis: Axis,
+    hypothesis: Order,
+    quick: &DetectParams,
+    context: &SearchContext<'_>,
+) {
+    let same = |f: &Found| {
+        f.proposal.axis.angle_to(&axis) < 0.02
+            && f.proposal.axis.distance(&axis.point) < 0.01 * context.diameter
+    };
+    if found.iter().any(same) {
+        return;
+    }
+    let detection = detect_order(surface, &axis, context.gate, context.visibility, quick);
+    let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
+    let samples = surface.samples.strided(1000);
+    let score = match_score(surface, &samples, &axis, &turns, context.gate, context.visibility);
+    found.push(Found {
+        proposal: Proposal { axis, score },
+        order: detection.order,
+        explained: detection.explained,
+    });
+}
+
+/// Axes across the best pairs of two-fold axes: half turns about two lines make a turn about the line across both, so
+/// that where there are two, a dihedral part has its main axis.
+fn across(found: &[Found]) -> Vec<Axis> {
+    /// Two-fold axes that are paired.
+    const PAIRED: usize = 4;
+    /// Least sine of the angle between them.
+    const APART: f64 = 0.1;
+    let mut folds: Vec<&Found> = found.iter().filter(|f| f.order == Some(Order::Cyclic(2))).collect();
+    folds.sort_by(|a, b| b.proposal.score.value().total_cmp(&a.proposal.score.value()));
+    let axes: Vec<&Axis> = folds.iter().take(PAIRED).map(|f| &f.proposal.axis).collect();
+    let mut main = Vec::new();
+    for (i, a) in axes.iter().enumerate() {
+        for b in &axes[..i] {
+            let normal = a.direction.cross(&b.direction);
+            // Where the first axis comes nearest to the second one.
+            let along = (b.point - a.point).cross(&b.direction).dot(&normal) / normal.norm_squared();
+            let crossing = a.point + a.direction.into_inner() * along;
+            main.extend((normal.norm() > APART).then(|| Axis::new(normal, crossing)).flatten());
+        }
+    }
+    main
 }
 
 /// Rotations of a group, for comparing groups; those of a surface of revolution are without number.

@@ -31,6 +31,9 @@ pub enum Seen {
 #[derive(Debug, Clone)]
 pub struct Visibility {
     views: Vec<DepthMap>,
+    /// Returns that are missing for each that came, where one view measured a surface that another one should have
+    /// seen: 0 for a sensor that loses none.
+    pub dropout: f64,
 }
 
 impl Visibility {
@@ -64,7 +67,11 @@ impl Visibility {
             .par_iter()
             .filter_map(|(center, indices)| DepthMap::new(center, points, indices))
             .collect();
-        (!views.is_empty()).then_some(Self { views })
+        if views.is_empty() {
+            return None;
+        }
+        let dropout = dropout(&views, points);
+        Some(Self { views, dropout })
     }
 
     /// What the cameras say about a surface at `point`; a measurement within `margin` \[length\]
@@ -80,6 +87,40 @@ impl Visibility {
         }
         strongest
     }
+}
+
+/// Returns that are missing for each that came, over some of the `points` and all views.
+///
+/// Nothing is missing in the view that a point comes from, so that one view alone loses nothing.
+fn dropout(views: &[DepthMap], points: &[Vector3<f64>]) -> f64 {
+    /// Points that are looked for in every view.
+    const LOOKED_AT: usize = 2000;
+    /// As many are missing about the edges of what any sensor sees.
+    const EDGES: f64 = 0.04;
+    let step = points.len().div_ceil(LOOKED_AT);
+    let (mut missing, mut came) = (0.0, 0.0);
+    for (point, view) in points.iter().step_by(step).flat_map(|p| views.iter().map(move |v| (p, v))) {
+        let margin = 3.0 * view.cell * (point - view.center).norm();
+        match view.at(point) {
+            Some(Cell { nearest, .. }) if nearest.is_infinite() => missing += 1.0,
+            Some(Cell { range, own, .. }) if (f64::from(own) - range).abs() < margin => came += 1.0,
+            _ => {}
+        }
+    }
+    // Each point came in its own view, which says nothing.
+    let others = f64::max(came - points.len().div_ceil(step) as f64, 0.0);
+    let lost = if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 };
+    if lost > EDGES { lost } else { 0.0 }
+}
+
+/// What a depth map holds about the direction of a point.
+struct Cell {
+    /// Distance of the point from the camera \[length\].
+    range: f64,
+    /// Nearest return in its cell.
+    own: f32,
+    /// Nearest return in its cell and those around it.
+    nearest: f32,
 }
 
 /// Nearest range for each cell of a tangent-plane grid about a camera.
@@ -136,17 +177,18 @@ impl DepthMap {
         Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
     }
 
-    fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
+    /// `None` out of the picture.
+    fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
         let ray = point - self.center;
         let local = self.camera_from_world * ray;
         if local.z <= 0.0 {
-            return Seen::Hidden;
+            return None;
         }
         let column = ((local.x / local.z - self.lower[0]) / self.cell).floor();
         let row = ((local.y / local.z - self.lower[1]) / self.cell).floor();
         let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
         if !inside(column, self.size[0]) || !inside(row, self.size[1]) {
-            return Seen::Hidden;
+            return None;
         }
         let (column, row) = (column as usize, row as usize);
         // The neighbouring cells too: at an edge the ray may have passed beside the surface.
@@ -156,9 +198,12 @@ impl DepthMap {
                 nearest = nearest.min(self.nearest[r * self.size[0] + c]);
             }
         }
-        let range = local.norm();
-        let center = self.nearest[row * self.size[0] + column];
-        if center.is_finite() && f64::from(nearest) > range + margin {
+        Some(Cell { range: ray.norm(), own: self.nearest[row * self.size[0] + column], nearest })
+    }
+
+    fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
+        let Some(Cell { range, own, nearest }) = self.at(point) else { return Seen::Hidden };
+        if own.is_finite() && f64::from(nearest) > range + margin {
             Seen::Free
         } else if nearest.is_infinite() {
             Seen::Missing
