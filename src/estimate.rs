@@ -131,7 +131,7 @@ impl Estimator {
         };
 
         stages.begin("complete")?;
-        let framing = refined.strided(FRAMING);
+        let framing = refined.scattered(FRAMING, prepared.voxel_size);
         let folded = fold(&framing, &found.axis, order, prepared.voxel_size);
         let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
         let (axis, sign_rule) = decide_sign(&found.axis, up, prepared.toward_sensors, &folded);
@@ -316,7 +316,7 @@ impl Estimator {
         let near =
             align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
-        let samples = surface.samples.strided(params.samples);
+        let samples = surface.samples.scattered(params.samples, surface.spacing);
         let mut aligned =
             align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
         aligned.gain = aligned.gain.min(near.gain);

@@ -47,6 +47,19 @@ fn normals_of_points_on_a_line_or_in_one_place_are_unit_vectors() {
 }
 
 #[test]
+fn a_point_off_the_surface_deviates() {
+    // A lattice with a wave, and one point that floats three spacings above it.
+    let mut points: Vec<[f64; 3]> = (0..40)
+        .flat_map(|i| (0..40).map(move |j| [f64::from(i), f64::from(j), 0.2 * f64::from(i).sin()]))
+        .collect();
+    points.push([20.5, 20.5, 3.0]);
+    let deviation = normals_of(&points, 20).deviation;
+    let (stray, regular) = deviation.split_last().unwrap();
+    assert!(*stray > 6.0, "{stray}");
+    assert!(regular.iter().all(|&d| (0.0..6.0).contains(&d)));
+}
+
+#[test]
 fn a_radius_limits_the_neighbourhood() {
     // Two parallel sheets, closer than the k-th neighbour: only the radius tells them apart.
     let mut random = Random(5);

@@ -299,7 +299,7 @@ impl SelfAlignment<'_> {
         const PATCHES: usize = 256;
         let count = self.samples.points.len();
         let size = count.div_ceil(PATCHES).max(1);
-        // The samples are strided from the surface, so that a patch is the same share of both.
+        // The samples are spread evenly over the surface, so that a patch is the same share of both.
         let patch_of_match = |j: usize| j * count / self.surface.len() / size;
         let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
         let leverages = self.leverages(axis);

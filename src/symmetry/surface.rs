@@ -24,6 +24,33 @@ impl Samples {
             normals: (0..taken).map(|i| self.normals[index(i)]).collect(),
         }
     }
+
+    /// About `count` of them, chosen by their place alone: each other one stays when one comes or goes. `cell` is the
+    /// distance between them \[length\].
+    #[must_use]
+    pub fn scattered(&self, count: usize, cell: f64) -> Self {
+        let share = count as f64 / self.points.len().max(1) as f64;
+        if share >= 1.0 {
+            return self.clone();
+        }
+        let limit = (share * u64::MAX as f64) as u64;
+        let chosen: Vec<usize> =
+            (0..self.points.len()).filter(|&i| scramble(&self.points[i], cell) < limit).collect();
+        Self {
+            points: chosen.iter().map(|&i| self.points[i]).collect(),
+            normals: chosen.iter().map(|&i| self.normals[i]).collect(),
+        }
+    }
+}
+
+/// A number that looks random for each cell of a grid with edge `cell` (the finaliser of MurmurHash3, Appleby 2011).
+fn scramble(point: &Vector3<f64>, cell: f64) -> u64 {
+    point.iter().fold(0, |hash: u64, x| {
+        let mixed = hash ^ (x / cell).floor() as i64 as u64;
+        let mixed = (mixed ^ (mixed >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
+        let mixed = (mixed ^ (mixed >> 33)).wrapping_mul(0xc4ce_b9fe_1a85_ec53);
+        mixed ^ (mixed >> 33)
+    })
 }
 
 /// Points and normals side by side in single precision: what a lookup touches fits in half a cache line.
