@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::preprocess::{CHUNK, ClusterParams, KNeighbors, main_cluster, statistical_inliers};
 use crate::symmetry::visibility::{Seen, Visibility};
 
-/// Size at which a cluster within the box of the main one is kept beside it [share of the main one].
+/// Size at which a cluster within reach of the box of the main one is kept beside it [share of the main one].
 const ENCLOSED: f64 = 0.005;
 
 /// Radius filter, statistical filter, distance from the local plane, free space, then the main cluster; kept voxels,
@@ -33,6 +33,8 @@ pub(crate) fn clean(
         distances_sq.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq)
     };
     let regular = statistical_inliers(neighbors, &params.statistical())?;
+    // Without viewpoints the fine voxels of a thin wall lie on two surfaces at once, each off the other one.
+    let on_surface = |i: usize| visibility.is_none() || deviation[i] <= params.off_surface;
     // Where a ray went on to something farther, there is no surface.
     let free = |i: usize| {
         let point = Vector3::from(points[i]);
@@ -40,7 +42,7 @@ pub(crate) fn clean(
     };
     let belongs = |&i: &u32| {
         let i = i as usize;
-        crowded(i) && deviation[i] <= params.off_surface && !free(i)
+        crowded(i) && on_surface(i) && !free(i)
     };
     let kept: Vec<u32> = regular.into_par_iter().with_min_len(CHUNK).filter(belongs).collect();
     if config.cluster == ClusterMode::Off || kept.is_empty() {
@@ -49,9 +51,11 @@ pub(crate) fn clean(
     let rows: Vec<[f64; 3]> = kept.iter().map(|&i| points[i as usize]).collect();
     let distance = (params.cluster_distance * diameter).max(3.0 * voxel_size);
     let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: params.cluster_ratio })?;
-    // A face deep inside, seen through an opening, is a small piece of its own.
+    // A face deep inside, seen through an opening, is a small piece of its own, within or just beside the box of the rest.
     let (lower, upper) = bounds(rows.iter().zip(&clusters.labels).filter(|(_, l)| **l == 0).map(|(p, _)| p));
-    let inside = |p: &[f64; 3]| (0..3).all(|axis| lower[axis] <= p[axis] && p[axis] <= upper[axis]);
+    let inside = |p: &[f64; 3]| {
+        (0..3).all(|axis| lower[axis] - distance <= p[axis] && p[axis] <= upper[axis] + distance)
+    };
     let mut enclosed: Vec<bool> =
         clusters.sizes.iter().map(|&size| size as f64 >= ENCLOSED * clusters.sizes[0] as f64).collect();
     for (point, &label) in rows.iter().zip(&clusters.labels) {

@@ -93,7 +93,8 @@ pub struct OutlierParams {
     pub k: usize,
     /// Standard deviations beyond the mean at which the statistical filter cuts.
     pub std_ratio: f64,
-    /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it].
+    /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it];
+    /// counts where viewpoints are known.
     pub off_surface: f64,
     /// Gap that separates clusters \[diameters\].
     pub cluster_distance: f64,
