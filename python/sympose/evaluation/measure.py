@@ -20,7 +20,7 @@ from sympose.evaluation.reference import reference_of
 from sympose.evaluation.scenario import SIGMA, Scenario, Subject
 from sympose.evaluation.surface import point_errors
 
-__all__ = ["Row", "failed", "key_of", "measure"]
+__all__ = ["Row", "failed", "identity", "key_of", "measure"]
 
 Row: TypeAlias = dict[str, Any]
 """Names of figures and their values, all fit for JSON; a figure that does not apply is missing.
@@ -47,7 +47,7 @@ def measure(subject: Subject, scenario: Scenario, scan: Scan, seed: int, name: s
     Nothing that the method raises is let through: it becomes the outcome.
     """
     part = subject.part
-    row: Row = _identity(subject, scenario, seed, name)
+    row: Row = identity(subject, scenario, seed, name)
     row["points"] = len(scan.scene)
     solve = methods.method(name)
     start, busy = time.perf_counter(), time.process_time()
@@ -76,10 +76,11 @@ def measure(subject: Subject, scenario: Scenario, scan: Scan, seed: int, name: s
 
 def failed(subject: Subject, scenario: Scenario, seed: int, name: str, error: BaseException) -> Row:
     """The row of a case that could not even be tried."""
-    return {**_identity(subject, scenario, seed, name), **_outcome("error", error)}
+    return {**identity(subject, scenario, seed, name), **_outcome("error", error)}
 
 
-def _identity(subject: Subject, scenario: Scenario, seed: int, name: str) -> Row:
+def identity(subject: Subject, scenario: Scenario, seed: int, name: str) -> Row:
+    """What every row begins with: which scan of which part, and the method."""
     part = subject.part
     return {
         "key": key_of(subject.source, part.name, scenario.label, seed, name),

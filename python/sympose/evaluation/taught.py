@@ -7,17 +7,19 @@ from numpy.typing import NDArray
 
 import sympose
 from sympose.datasets import Scan
-from sympose.evaluation.measure import Row
+from sympose.evaluation.measure import Row, identity, key_of
 from sympose.evaluation.reference import reference_of
 from sympose.evaluation.scenario import Scenario, Subject
 from sympose.metrics import mssd
 
 __all__ = ["measure_taught", "taught_key"]
 
+_METHOD = "taught"
+
 
 def taught_key(subject: Subject, scenario: Scenario, seed: int) -> str:
     """What names the row of `measure_taught`."""
-    return f"{subject.source} | {subject.part.name} | {scenario.label} | {seed} | taught"
+    return key_of(subject.source, subject.part.name, scenario.label, seed, _METHOD)
 
 
 def measure_taught(subject: Subject, scenario: Scenario, seed: int) -> Row:
@@ -27,17 +29,7 @@ def measure_taught(subject: Subject, scenario: Scenario, seed: int) -> Row:
     taught frame; it is missing where one of the scans was refused.
     """
     part = subject.part
-    row: Row = {
-        "key": taught_key(subject, scenario, seed),
-        "source": subject.source,
-        "part": part.name,
-        "family": part.family,
-        "order": part.order,
-        "scenario": scenario.label,
-        "seed": seed,
-        "method": "taught",
-        "outcome": "ok",
-    }
+    row: Row = {**identity(subject, scenario, seed, _METHOD), "outcome": "ok"}
     first, second = scenario.scan(part, seed), scenario.scan(part, seed + 1)
     try:
         taught = sympose.estimate(_seen(first), threads=1)
