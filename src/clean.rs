@@ -34,15 +34,15 @@ pub(crate) fn clean(
     };
     let regular = statistical_inliers(neighbors, &params.statistical())?;
     // Without viewpoints the fine voxels of a thin wall lie on two surfaces at once, each off the other one.
-    let on_surface = |i: usize| visibility.is_none() || deviation[i] <= params.off_surface;
-    // Where a ray went on to something farther, there is no surface.
+    let limit = params.off_surface.filter(|_| visibility.is_some()).unwrap_or(f64::INFINITY);
+    let looked_through = visibility.filter(|_| params.seen_through);
     let free = |i: usize| {
         let point = Vector3::from(points[i]);
-        visibility.is_some_and(|v| v.seen(&point, params.radius * voxel_size) == Seen::Free)
+        looked_through.is_some_and(|v| v.seen(&point, params.radius * voxel_size) == Seen::Free)
     };
     let belongs = |&i: &u32| {
         let i = i as usize;
-        crowded(i) && on_surface(i) && !free(i)
+        crowded(i) && deviation[i] <= limit && !free(i)
     };
     let kept: Vec<u32> = regular.into_par_iter().with_min_len(CHUNK).filter(belongs).collect();
     if config.cluster == ClusterMode::Off || kept.is_empty() {
@@ -56,12 +56,11 @@ pub(crate) fn clean(
     let inside = |p: &[f64; 3]| {
         (0..3).all(|axis| lower[axis] - distance <= p[axis] && p[axis] <= upper[axis] + distance)
     };
-    let mut enclosed: Vec<bool> =
+    let mut kept_labels: Vec<bool> =
         clusters.sizes.iter().map(|&size| size as f64 >= ENCLOSED * clusters.sizes[0] as f64).collect();
     for (point, &label) in rows.iter().zip(&clusters.labels) {
-        enclosed[label as usize] &= inside(point);
+        kept_labels[label as usize] &= inside(point);
     }
-    let mut kept_labels = enclosed;
     clusters.kept.iter().for_each(|&i| kept_labels[clusters.labels[i as usize] as usize] = true);
     let chosen = kept.iter().zip(&clusters.labels).filter(|(_, label)| kept_labels[**label as usize]);
     Ok(chosen.map(|(&i, _)| i).collect())

@@ -94,8 +94,10 @@ pub struct OutlierParams {
     /// Standard deviations beyond the mean at which the statistical filter cuts.
     pub std_ratio: f64,
     /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it];
-    /// counts where viewpoints are known.
-    pub off_surface: f64,
+    /// `None` keeps it. Counts where viewpoints are known.
+    pub off_surface: Option<f64>,
+    /// Drops what a camera saw through: a ray that went on to something farther met no surface.
+    pub seen_through: bool,
     /// Gap that separates clusters \[diameters\].
     pub cluster_distance: f64,
     /// Size at which a cluster is kept beside the main one [share of the main one].
@@ -109,7 +111,8 @@ impl Default for OutlierParams {
             min_neighbors: 4,
             k: 20,
             std_ratio: 5.0,
-            off_surface: 6.0,
+            off_surface: Some(6.0),
+            seen_through: true,
             cluster_distance: 0.05,
             cluster_ratio: 0.05,
         }
@@ -206,6 +209,7 @@ impl Config {
         Self {
             residual: Residual::PointToPoint,
             yaw: Yaw::Histogram,
+            outliers: OutlierParams { off_surface: None, seen_through: false, ..OutlierParams::default() },
             propose: ProposeParams { search: false, ..ProposeParams::default() },
             ..Self::default()
         }
@@ -220,12 +224,15 @@ impl Config {
         if let Some(size) = self.voxel_size {
             positive("voxel_size", size)?;
         }
+        if let Some(off_surface) = self.outliers.off_surface {
+            positive("outliers.off_surface", off_surface)?;
+        }
+        let zero = |name, expected| Err(Error::InvalidParameter { name, value: "0".into(), expected });
         if self.threads == Some(0) {
-            return Err(Error::InvalidParameter {
-                name: "threads",
-                value: "0".into(),
-                expected: "at least 1, or none for all cores",
-            });
+            return zero("threads", "at least 1, or none for all cores");
+        }
+        if self.refine.samples == 0 {
+            return zero("refine.samples", "at least 1 point");
         }
         if let Some([lower, upper]) = self.roi
             && !(0..3).all(|axis| lower[axis] < upper[axis])

@@ -233,6 +233,19 @@ fn clouds_that_hold_no_part_are_refused_with_a_reason() {
 }
 
 #[test]
+fn settings_outside_their_domain_are_named() {
+    let mut no_samples = cyclic(5);
+    no_samples.refine.samples = 0;
+    assert!(matches!(no_samples.validate(), Err(Error::InvalidParameter { name: "refine.samples", .. })));
+    let mut below_surface = cyclic(5);
+    below_surface.outliers.off_surface = Some(-1.0);
+    let refused = below_surface.validate();
+    assert!(matches!(refused, Err(Error::InvalidParameter { name: "outliers.off_surface", .. })));
+    below_surface.outliers.off_surface = None;
+    assert!(below_surface.validate().is_ok());
+}
+
+#[test]
 fn a_sphere_has_no_axis_to_act_on() {
     let golden = TAU * 0.618_033_988_749_894_9;
     let sphere = (0..20_000)
