@@ -6,56 +6,71 @@ use std::array;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::config::{ClusterMode, Config};
+use crate::config::{ClusterMode, Config, OutlierParams};
 use crate::error::Result;
-use crate::preprocess::{CHUNK, ClusterParams, KNeighbors, main_cluster, statistical_inliers};
+use crate::preprocess::{CHUNK, ClusterParams, KNeighbors, Normals, main_cluster, statistical_inliers};
 use crate::symmetry::visibility::{Seen, Visibility};
 
-/// Size at which a cluster within reach of the box of the main one is kept beside it [share of the main one].
-const ENCLOSED: f64 = 0.005;
+/// Surface variation up to which a neighbourhood is flat: noise and curvature stay below.
+const FLAT: f64 = 0.03;
 
-/// Radius filter, statistical filter, distance from the local plane, free space, then the main cluster; kept voxels,
-/// ascending.
-pub(crate) fn clean(
-    points: &[[f64; 3]],
+/// Size at which a cluster within reach of the box of the main one is kept beside it [share of the main one].
+const ENCLOSED: f64 = 0.002;
+
+/// Voxels that lie on some surface, ascending: those that are not alone, scattered in space or off the plane of their
+/// neighbours.
+pub(crate) fn on_surfaces(
     neighbors: &KNeighbors,
-    deviation: &[f64],
-    visibility: Option<&Visibility>,
+    Normals { surface_variation, deviation, .. }: &Normals,
+    viewpoints: bool,
     voxel_size: f64,
-    diameter: f64,
-    config: &Config,
+    params: &OutlierParams,
 ) -> Result<Vec<u32>> {
-    let params = &config.outliers;
     let radius_sq = (params.radius * voxel_size).powi(2);
     // A point is its own first neighbour, so the neighbour of rank `min_neighbors` decides.
     let crowded = |i: usize| {
         let (_, distances_sq) = neighbors.of(i);
         distances_sq.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq)
     };
-    let regular = statistical_inliers(neighbors, &params.statistical())?;
+    let scattered = scattered(neighbors, surface_variation, params);
+    let sparse_plane = |i: usize| params.scattered.is_some() && surface_variation[i] <= FLAT;
     // Without viewpoints the fine voxels of a thin wall lie on two surfaces at once, each off the other one.
-    let limit = params.off_surface.filter(|_| visibility.is_some()).unwrap_or(f64::INFINITY);
+    let limit = params.off_surface.filter(|_| viewpoints).unwrap_or(f64::INFINITY);
+    let mut regular = vec![false; neighbors.len()];
+    statistical_inliers(neighbors, &params.statistical())?.iter().for_each(|&i| regular[i as usize] = true);
+    let dense = |i: usize| sparse_plane(i) || (regular[i] && crowded(i) && !scattered[i]);
+    let kept = (0..neighbors.len()).filter(|&i| dense(i) && deviation[i] <= limit);
+    Ok(kept.map(|i| i as u32).collect())
+}
+
+/// Those of the voxels `kept` that belong to the part, ascending: no camera saw through them, and they hang together with
+/// the main cluster or lie within reach of it.
+pub(crate) fn of_part(
+    points: &[[f64; 3]],
+    kept: Vec<u32>,
+    visibility: Option<&Visibility>,
+    voxel_size: f64,
+    diameter: f64,
+    config: &Config,
+) -> Result<Vec<u32>> {
+    let params = &config.outliers;
     let looked_through = visibility.filter(|_| params.seen_through);
-    let free = |i: usize| {
-        let point = Vector3::from(points[i]);
-        looked_through.is_some_and(|v| v.seen(&point, params.radius * voxel_size) == Seen::Free)
+    let solid = |&i: &u32| {
+        let point = Vector3::from(points[i as usize]);
+        looked_through.is_none_or(|v| v.seen(&point, params.radius * voxel_size) != Seen::Free)
     };
-    let belongs = |&i: &u32| {
-        let i = i as usize;
-        crowded(i) && deviation[i] <= limit && !free(i)
-    };
-    let kept: Vec<u32> = regular.into_par_iter().with_min_len(CHUNK).filter(belongs).collect();
+    let kept: Vec<u32> = kept.into_par_iter().with_min_len(CHUNK).filter(solid).collect();
     if config.cluster == ClusterMode::Off || kept.is_empty() {
         return Ok(kept);
     }
     let rows: Vec<[f64; 3]> = kept.iter().map(|&i| points[i as usize]).collect();
     let distance = (params.cluster_distance * diameter).max(3.0 * voxel_size);
     let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: params.cluster_ratio })?;
+    let reach = 3.0 * distance;
     // A face deep inside, seen through an opening, is a small piece of its own, within or just beside the box of the rest.
     let (lower, upper) = bounds(rows.iter().zip(&clusters.labels).filter(|(_, l)| **l == 0).map(|(p, _)| p));
-    let inside = |p: &[f64; 3]| {
-        (0..3).all(|axis| lower[axis] - distance <= p[axis] && p[axis] <= upper[axis] + distance)
-    };
+    let inside =
+        |p: &[f64; 3]| (0..3).all(|axis| lower[axis] - reach <= p[axis] && p[axis] <= upper[axis] + reach);
     let mut kept_labels: Vec<bool> =
         clusters.sizes.iter().map(|&size| size as f64 >= ENCLOSED * clusters.sizes[0] as f64).collect();
     for (point, &label) in rows.iter().zip(&clusters.labels) {
@@ -64,6 +79,29 @@ pub(crate) fn clean(
     clusters.kept.iter().for_each(|&i| kept_labels[clusters.labels[i as usize] as usize] = true);
     let chosen = kept.iter().zip(&clusters.labels).filter(|(_, label)| kept_labels[**label as usize]);
     Ok(chosen.map(|(&i, _)| i).collect())
+}
+
+/// Points whose nearest neighbours are far away and on all sides; far away in one plane they are a sparse surface.
+fn scattered(neighbors: &KNeighbors, surface_variation: &[f64], params: &OutlierParams) -> Vec<bool> {
+    /// Share of scattered points beyond which strays are many, so that they are near each other and near the surface.
+    const MANY: f64 = 0.02;
+    /// What the limit is multiplied by where they are many.
+    const STRICT: f64 = 0.8;
+    let count = surface_variation.len();
+    // A point is its own first neighbour.
+    let reach_sq = |i: usize| neighbors.of(i).1.get(params.min_neighbors).copied().unwrap_or(0.0);
+    let mut flat: Vec<f64> = (0..count).filter(|&i| surface_variation[i] <= FLAT).map(reach_sq).collect();
+    let Some(limit) = params.scattered.filter(|_| !flat.is_empty()) else { return vec![false; count] };
+    let middle = flat.len() / 2;
+    let typical_sq = *flat.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let beyond = |limit: f64| {
+        let widest_sq = limit * limit * typical_sq;
+        let is_beyond = move |i| surface_variation[i] > FLAT && reach_sq(i) > widest_sq;
+        (0..count).map(is_beyond).collect::<Vec<bool>>()
+    };
+    let strays = beyond(limit);
+    let many = strays.iter().filter(|&&stray| stray).count() as f64 > MANY * count as f64;
+    if many { beyond(STRICT * limit) } else { strays }
 }
 
 /// Lower and upper corner of the box about some points.

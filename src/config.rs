@@ -93,6 +93,9 @@ pub struct OutlierParams {
     pub k: usize,
     /// Standard deviations beyond the mean at which the statistical filter cuts.
     pub std_ratio: f64,
+    /// Distance of the farthest of `min_neighbors` beyond which a point is stray, unless its neighbours lie in a plane
+    /// [median of those that do]; less where strays are many, `None` keeps it.
+    pub scattered: Option<f64>,
     /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it];
     /// `None` keeps it. Counts where viewpoints are known.
     pub off_surface: Option<f64>,
@@ -111,6 +114,7 @@ impl Default for OutlierParams {
             min_neighbors: 4,
             k: 20,
             std_ratio: 5.0,
+            scattered: Some(2.5),
             off_surface: Some(6.0),
             seen_through: true,
             cluster_distance: 0.05,
@@ -209,7 +213,12 @@ impl Config {
         Self {
             residual: Residual::PointToPoint,
             yaw: Yaw::Histogram,
-            outliers: OutlierParams { off_surface: None, seen_through: false, ..OutlierParams::default() },
+            outliers: OutlierParams {
+                scattered: None,
+                off_surface: None,
+                seen_through: false,
+                ..OutlierParams::default()
+            },
             propose: ProposeParams { search: false, ..ProposeParams::default() },
             ..Self::default()
         }
@@ -224,8 +233,9 @@ impl Config {
         if let Some(size) = self.voxel_size {
             positive("voxel_size", size)?;
         }
-        if let Some(off_surface) = self.outliers.off_surface {
-            positive("outliers.off_surface", off_surface)?;
+        let OutlierParams { scattered, off_surface, .. } = self.outliers;
+        for (name, limit) in [("outliers.scattered", scattered), ("outliers.off_surface", off_surface)] {
+            limit.map_or(Ok(()), |limit| positive(name, limit))?;
         }
         let zero = |name, expected| Err(Error::InvalidParameter { name, value: "0".into(), expected });
         if self.threads == Some(0) {

@@ -3,12 +3,12 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-use crate::clean::clean;
+use crate::clean::{of_part, on_surfaces};
 use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite, OutlierParams};
 use crate::error::{Error, Result};
 use crate::preprocess::{
-    ClusterParams, Ground, GroundParams, KNeighbors, Normals, Sides, find_ground, main_cluster,
+    ClusterParams, Ground, GroundParams, KNeighbors, Sides, VoxelGrid, find_ground, main_cluster,
     median_spacing, normals_from_neighbors, separate_sides, voxel_downsample,
 };
 use crate::spatial::KdTree;
@@ -50,10 +50,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.number("input_points", cloud.len() as f64);
     stages.number("non_finite_points", cloud.dropped() as f64);
     let scene = Scene::new(cloud, config)?;
-    let visibility =
-        Visibility::new(&scene.points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>(), |i| {
-            scene.viewpoint(i).map(Vector3::from)
-        });
+    let everything = scene.rows.clone();
 
     stages.begin("ground")?;
     let params = GroundParams { seed: config.seed, ..config.plane.clone() };
@@ -90,10 +87,12 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
     let neighbors = KNeighbors::new(&tree, &grid.points, config.normals.k.max(config.outliers.k))?;
-    let Normals { normals, deviation, .. } =
-        normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
-    let kept =
-        clean(&grid.points, &neighbors, &deviation, visibility.as_ref(), voxel_size, diameter, config)?;
+    let planes = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
+    let oriented = part.viewpoints.is_some();
+    let mut kept = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
+    let visibility = sight(cloud, &part, &everything, &strays(&grid, &kept));
+    kept = of_part(&grid.points, kept, visibility.as_ref(), voxel_size, diameter, config)?;
+    let normals = planes.normals;
     stages.number("surface_points", kept.len() as f64);
     enough("outliers", kept.len())?;
 
@@ -126,11 +125,11 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         surface_of_patch[patch as usize] = surface;
     }
     let (inliers, point_of_inlier) = part
-        .input_index
+        .rows
         .iter()
         .zip(&sides.patch_of_point)
         .filter(|(_, patch)| surface_of_patch[**patch as usize] != u32::MAX)
-        .map(|(input, patch)| (*input, surface_of_patch[*patch as usize]))
+        .map(|(row, patch)| (cloud.input_index()[*row as usize], surface_of_patch[*patch as usize]))
         .unzip();
     let pick =
         |rows: &[[f64; 3]]| chosen.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
@@ -143,7 +142,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         directions.sum::<Vector3<f64>>() / samples.points.len() as f64
     });
     Ok(Prepared {
-        world_from_local: part.world_from_local,
+        world_from_local: nalgebra::Translation3::from(Vector3::from(cloud.origin())) * part.frame,
         surface: Surface::new(samples, toward_sensors.is_some(), voxel_size, config.propose.gate * diameter),
         diameter,
         voxel_size,
@@ -155,11 +154,35 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     })
 }
 
+/// For each point of the part whether its voxel is none of those kept.
+fn strays(grid: &VoxelGrid, kept: &[u32]) -> Vec<bool> {
+    let mut stray = vec![true; grid.points.len()];
+    kept.iter().for_each(|&voxel| stray[voxel as usize] = false);
+    grid.inverse.iter().map(|&voxel| stray[voxel as usize]).collect()
+}
+
+/// What the cameras saw to be empty, by the rays to all points of the region but the strays: these would hide the empty
+/// space behind them. `None` without viewpoints.
+fn sight(cloud: &PointCloud, part: &Scene, everything: &[u32], strays: &[bool]) -> Option<Visibility> {
+    if !cloud.has_viewpoints() {
+        return None;
+    }
+    let mut is_stray = vec![false; cloud.len()];
+    part.rows.iter().zip(strays).for_each(|(&row, &stray)| is_stray[row as usize] = stray);
+    let rows: Vec<usize> = everything.iter().map(|&row| row as usize).filter(|&row| !is_stray[row]).collect();
+    let frame = part.frame.inverse();
+    let local = |p: [f64; 3]| (frame * Point3::from(p)).coords;
+    let points: Vec<Vector3<f64>> = rows.par_iter().map(|&row| local(cloud.local_points()[row])).collect();
+    Visibility::new(&points, |i| cloud.viewpoints().of(rows[i]).map(local))
+}
+
 /// The points within the region of interest, in a frame that turns with them.
 struct Scene {
-    world_from_local: Isometry3<f64>,
+    /// Frame of the cloud from that of the points.
+    frame: Isometry3<f64>,
     points: Vec<[f64; 3]>,
-    input_index: Vec<u32>,
+    /// Row of each point in the cloud.
+    rows: Vec<u32>,
     viewpoints: Option<Vec<[f64; 3]>>,
     normals: Option<Vec<[f64; 3]>>,
 }
@@ -199,13 +222,7 @@ impl Scene {
         let normals = cloud.normals().map(|normals| {
             chosen.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
         });
-        Ok(Self {
-            points: rows.par_iter().map(local).collect(),
-            world_from_local: nalgebra::Translation3::from(origin) * frame,
-            input_index: chosen.iter().map(|&i| cloud.input_index()[i as usize]).collect(),
-            viewpoints,
-            normals,
-        })
+        Ok(Self { points: rows.par_iter().map(local).collect(), frame, rows: chosen, viewpoints, normals })
     }
 
     fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
@@ -238,7 +255,7 @@ impl Scene {
         let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
         Self {
             points: pick(&self.points),
-            input_index: kept.iter().map(|&i| self.input_index[i as usize]).collect(),
+            rows: kept.iter().map(|&i| self.rows[i as usize]).collect(),
             viewpoints: self.viewpoints.as_deref().map(pick),
             normals: self.normals.as_deref().map(pick),
             ..self

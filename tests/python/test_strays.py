@@ -57,3 +57,17 @@ def test_lost_returns_are_told() -> None:
     scene = scan(part("sprocket_6"), "sphere", views=5, seed=1, dropout=0.3).scene
     found = sympose.estimate(scene.points, viewpoints=scene.viewpoints)
     assert any("returns are missing" in warning for warning in found.warnings)
+
+
+def test_the_order_is_found_among_strays() -> None:
+    scanned = scan(part("sprocket_6"), "sphere", views=4, seed=1, outliers=0.3)
+    scene = scanned.scene
+    found = sympose.estimate(scene.points, viewpoints=scene.viewpoints)
+    assert found.order == 6
+    assert found.score > 0.9
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+    # Strays within two voxels of the surface cannot be told from noise; those in space are gone.
+    config = sympose.Config(outliers={"scattered": None})
+    many = sympose.estimate(scene.points, viewpoints=scene.viewpoints, order=6, config=config)
+    assert len(found.points) < 0.95 * len(many.points)
+    assert many.score < 0.8
