@@ -91,15 +91,9 @@ struct Tally {
     agreeing: f64,
     contradicted: f64,
     missing: f64,
-    /// Returns that the sensor loses for each that comes: so many of the missing ones say nothing.
-    dropout: f64,
 }
 
 impl Tally {
-    fn new(dropout: f64) -> Self {
-        Self { dropout, ..Self::default() }
-    }
-
     fn add(&mut self, outcome: Outcome) {
         match outcome {
             Outcome::Matched => self.agreeing += 1.0,
@@ -116,7 +110,7 @@ impl Tally {
     }
 
     fn against(&self) -> f64 {
-        self.contradicted + f64::max(self.missing - self.dropout * self.agreeing, 0.0)
+        self.contradicted + self.missing
     }
 
     /// All that says anything.
@@ -148,8 +142,6 @@ struct Sweep {
     fractions: Vec<(u32, u32)>,
     row_of: HashMap<(u32, u32), usize>,
     outcomes: Vec<Vec<Outcome>>,
-    /// Of the sensor; see [`Visibility`].
-    dropout: f64,
 }
 
 impl Sweep {
@@ -174,15 +166,14 @@ impl Sweep {
             })
             .collect();
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
-        let dropout = visibility.map_or(0.0, |v| v.dropout);
-        Self { fractions, row_of, outcomes, dropout }
+        Self { fractions, row_of, outcomes }
     }
 
     /// Evidence at k/n over the chosen samples.
     fn tally(&self, k: u32, n: u32, chosen: &[usize]) -> Tally {
         let divisor = gcd(k, n);
         let reduced = (k / divisor, n / divisor);
-        let mut tally = Tally::new(self.dropout);
+        let mut tally = Tally::default();
         if let Some(&row) = self.row_of.get(&reduced) {
             for &i in chosen {
                 tally.add(self.outcomes[row][i]);
@@ -195,7 +186,7 @@ impl Sweep {
     fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
         /// A multiple with less evidence than this decides nothing alone.
         const ENOUGH: f64 = 10.0;
-        let mut evidence = OrderEvidence { sum: Tally::new(self.dropout), ..OrderEvidence::default() };
+        let mut evidence = OrderEvidence::default();
         let mut most_agreeing = f64::MIN_POSITIVE;
         let mut primitive = (0.0, 0.0);
         for k in 1..=n / 2 {
@@ -217,7 +208,7 @@ impl Sweep {
     /// Evidence at generic angles: fractions of a large denominator, which few orders share.
     fn generic(&self, chosen: &[usize]) -> Tally {
         let largest = self.fractions.last().map_or(2, |&(_, n)| n);
-        let mut sum = Tally::new(self.dropout);
+        let mut sum = Tally::default();
         for (row, &(_, n)) in self.fractions.iter().enumerate() {
             if 3 * n > 2 * largest {
                 for &i in chosen {

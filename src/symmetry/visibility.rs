@@ -63,7 +63,7 @@ impl Visibility {
         }
         members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
         members.truncate(MAX_VIEWS);
-        let views: Vec<DepthMap> = members
+        let mut views: Vec<DepthMap> = members
             .par_iter()
             .filter_map(|(center, indices)| DepthMap::new(center, points, indices))
             .collect();
@@ -71,6 +71,9 @@ impl Visibility {
             return None;
         }
         let dropout = dropout(&views, points);
+        if dropout > 0.0 {
+            views.par_iter_mut().for_each(|view| view.hide_lost(points));
+        }
         Some(Self { views, dropout })
     }
 
@@ -177,20 +180,34 @@ impl DepthMap {
         Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
     }
 
-    /// `None` out of the picture.
-    fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
-        let ray = point - self.center;
-        let local = self.camera_from_world * ray;
+    /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
+    /// the sensor lost the return, and nothing is known about any place along the ray.
+    fn hide_lost(&mut self, points: &[Vector3<f64>]) {
+        for point in points {
+            if let Some([column, row]) = self.cell_of(point) {
+                let nearest = &mut self.nearest[row * self.size[0] + column];
+                if nearest.is_infinite() {
+                    *nearest = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Column and row of the cell that shows a point; `None` out of the picture.
+    fn cell_of(&self, point: &Vector3<f64>) -> Option<[usize; 2]> {
+        let local = self.camera_from_world * (point - self.center);
         if local.z <= 0.0 {
             return None;
         }
         let column = ((local.x / local.z - self.lower[0]) / self.cell).floor();
         let row = ((local.y / local.z - self.lower[1]) / self.cell).floor();
         let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
-        if !inside(column, self.size[0]) || !inside(row, self.size[1]) {
-            return None;
-        }
-        let (column, row) = (column as usize, row as usize);
+        (inside(column, self.size[0]) && inside(row, self.size[1])).then_some([column as usize, row as usize])
+    }
+
+    /// `None` out of the picture.
+    fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
+        let [column, row] = self.cell_of(point)?;
         // The neighbouring cells too: at an edge the ray may have passed beside the surface.
         let mut nearest = f32::INFINITY;
         for r in row.saturating_sub(1)..(row + 2).min(self.size[1]) {
@@ -198,7 +215,8 @@ impl DepthMap {
                 nearest = nearest.min(self.nearest[r * self.size[0] + c]);
             }
         }
-        Some(Cell { range: ray.norm(), own: self.nearest[row * self.size[0] + column], nearest })
+        let range = (point - self.center).norm();
+        Some(Cell { range, own: self.nearest[row * self.size[0] + column], nearest })
     }
 
     fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
