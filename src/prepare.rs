@@ -50,22 +50,22 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.number("input_points", cloud.len() as f64);
     stages.number("non_finite_points", cloud.dropped() as f64);
     let scene = Scene::new(cloud, config)?;
-    let everything = scene.rows.clone();
-
     stages.begin("ground")?;
     let params = GroundParams { seed: config.seed, ..config.plane.clone() };
     let ground = find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground)?;
-    let part = match &ground {
+    let (part, beside) = match &ground {
         Some(Ground { kept, reason, removed, .. }) => {
             stages.text("ground", reason);
             stages.number("ground_points", *removed as f64);
+            let everything = scene.rows.clone();
             let scene = scene.select(kept);
-            match config.cluster {
+            let part = match config.cluster {
                 ClusterMode::Main => scene.isolated(&config.outliers)?,
                 ClusterMode::Off => scene,
-            }
+            };
+            (part, Some(everything))
         }
-        None => scene,
+        None => (scene, None),
     };
     enough("ground", part.points.len())?;
 
@@ -75,7 +75,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         Some(size) => size,
         None => {
             // The limits by which an order is judged hold for the coarser voxels.
-            let fine = part.viewpoints.is_none() && config.order != Order::Auto;
+            let fine = !cloud.has_viewpoints() && config.order != Order::Auto;
             default_voxel(&part.points, diameter, if fine { FINE } else { COARSE })?
         }
     };
@@ -88,9 +88,10 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let tree = KdTree::new(&grid.points)?;
     let neighbors = KNeighbors::new(&tree, &grid.points, config.normals.k.max(config.outliers.k))?;
     let planes = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
-    let oriented = part.viewpoints.is_some();
+    let oriented = cloud.has_viewpoints();
     let mut kept = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
-    let visibility = sight(cloud, &part, &everything, &strays(&grid, &kept));
+    let everything = beside.as_deref().unwrap_or(&part.rows);
+    let visibility = sight(cloud, &part, everything, &strays(&grid, &kept));
     kept = of_part(&grid.points, kept, visibility.as_ref(), voxel_size, diameter, config)?;
     let normals = planes.normals;
     stages.number("surface_points", kept.len() as f64);
@@ -98,15 +99,20 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
 
     stages.begin("normals")?;
     let counts = grid.points.len();
-    let mut sides = match &part.viewpoints {
-        Some(viewpoints) => separate_sides(&part.points, viewpoints, &grid, &normals, &neighbors),
-        None => Sides {
+    let mut sides = if oriented {
+        let viewpoint = |i| part.viewpoint(i).unwrap_or_default();
+        let sides = separate_sides(&part.points, viewpoint, &grid, &normals, &neighbors);
+        // A number for each raw point, which is no longer needed.
+        drop(grid);
+        sides
+    } else {
+        Sides {
             voxel_of: (0..grid.points.len() as u32).collect(),
             points: grid.points,
             normals,
             patch_of_point: grid.inverse,
             ..Sides::default()
-        },
+        }
     };
     stages.number("voxels_seen_from_both_sides", sides.divided as f64);
     if let Some(given) = &part.normals {
@@ -124,17 +130,19 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     for (surface, &patch) in (0_u32..).zip(&chosen) {
         surface_of_patch[patch as usize] = surface;
     }
-    let (inliers, point_of_inlier) = part
-        .rows
-        .iter()
-        .zip(&sides.patch_of_point)
-        .filter(|(_, patch)| surface_of_patch[**patch as usize] != u32::MAX)
-        .map(|(row, patch)| (cloud.input_index()[*row as usize], surface_of_patch[*patch as usize]))
-        .unzip();
+    let mut inliers = Vec::with_capacity(part.rows.len());
+    let mut point_of_inlier = Vec::with_capacity(part.rows.len());
+    for (&row, &patch) in part.rows.iter().zip(&sides.patch_of_point) {
+        let point = surface_of_patch[patch as usize];
+        if point != u32::MAX {
+            inliers.push(cloud.input_index()[row as usize]);
+            point_of_inlier.push(point);
+        }
+    }
     let pick =
         |rows: &[[f64; 3]]| chosen.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
     let samples = Samples { points: pick(&sides.points), normals: pick(&sides.normals) };
-    let toward_sensors = part.viewpoints.as_ref().map(|_| {
+    let toward_sensors = oriented.then(|| {
         let directions = pick(&sides.viewpoints)
             .into_iter()
             .zip(&samples.points)
@@ -169,28 +177,29 @@ fn sight(cloud: &PointCloud, part: &Scene, everything: &[u32], strays: &[bool]) 
     }
     let mut is_stray = vec![false; cloud.len()];
     part.rows.iter().zip(strays).for_each(|(&row, &stray)| is_stray[row as usize] = stray);
-    let rows: Vec<usize> = everything.iter().map(|&row| row as usize).filter(|&row| !is_stray[row]).collect();
-    let frame = part.frame.inverse();
-    let local = |p: [f64; 3]| (frame * Point3::from(p)).coords;
-    let points: Vec<Vector3<f64>> = rows.par_iter().map(|&row| local(cloud.local_points()[row])).collect();
-    Visibility::new(&points, |i| cloud.viewpoints().of(rows[i]).map(local))
+    let rows: Vec<u32> = everything.iter().copied().filter(|&row| !is_stray[row as usize]).collect();
+    let point = |i: usize| part.local(cloud.local_points()[rows[i] as usize]).into();
+    Visibility::new(rows.len(), point, |i| {
+        cloud.viewpoints().of(rows[i] as usize).map(|viewpoint| part.local(viewpoint).into())
+    })
 }
 
 /// The points within the region of interest, in a frame that turns with them.
-struct Scene {
-    /// Frame of the cloud from that of the points.
+struct Scene<'a> {
+    cloud: &'a PointCloud,
+    /// Frame of the cloud from that of the points, and back.
     frame: Isometry3<f64>,
+    inverse: Isometry3<f64>,
     points: Vec<[f64; 3]>,
     /// Row of each point in the cloud.
     rows: Vec<u32>,
-    viewpoints: Option<Vec<[f64; 3]>>,
     normals: Option<Vec<[f64; 3]>>,
 }
 
-impl Scene {
+impl<'a> Scene<'a> {
     /// Crops and turns into the principal frame, so that the result does not depend on how the world frame lies: the
     /// voxel grid and the starting directions turn with the data.
-    fn new(cloud: &PointCloud, config: &Config) -> Result<Self> {
+    fn new(cloud: &'a PointCloud, config: &Config) -> Result<Self> {
         let origin = Vector3::from(cloud.origin());
         let inside = |p: &[f64; 3]| {
             config.roi.is_none_or(|[lower, upper]| {
@@ -208,25 +217,28 @@ impl Scene {
             });
         }
         enough("input", chosen.len())?;
-        let rows: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i as usize]).collect();
-        let frame = principal_frame(&rows)?;
+        let mut points: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i as usize]).collect();
+        let frame = principal_frame(&points)?;
         let turn = frame.rotation.inverse();
-        let local = |p: &[f64; 3]| (frame.inverse() * Point3::from(*p)).coords.into();
-        let viewpoints = cloud.has_viewpoints().then(|| {
-            chosen
-                .iter()
-                .map(|&i| cloud.viewpoints().of(i as usize).unwrap_or_default())
-                .map(|v| local(&v))
-                .collect()
-        });
         let normals = cloud.normals().map(|normals| {
             chosen.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
         });
-        Ok(Self { points: rows.par_iter().map(local).collect(), frame, rows: chosen, viewpoints, normals })
+        let mut scene =
+            Self { cloud, frame, inverse: frame.inverse(), points: Vec::new(), rows: chosen, normals };
+        points.par_iter_mut().for_each(|p| *p = scene.local(*p));
+        scene.points = points;
+        Ok(scene)
     }
 
+    /// Turns a point of the cloud into the frame of the scene.
+    fn local(&self, point: [f64; 3]) -> [f64; 3] {
+        (self.inverse * Point3::from(point)).coords.into()
+    }
+
+    /// The position that point `i` was seen from, where the cloud has such.
     fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
-        self.viewpoints.as_ref().map(|rows| rows[i])
+        let of = |row: u32| self.cloud.viewpoints().of(row as usize).unwrap_or_default();
+        self.cloud.has_viewpoints().then(|| self.local(of(self.rows[i])))
     }
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
@@ -256,7 +268,6 @@ impl Scene {
         Self {
             points: pick(&self.points),
             rows: kept.iter().map(|&i| self.rows[i as usize]).collect(),
-            viewpoints: self.viewpoints.as_deref().map(pick),
             normals: self.normals.as_deref().map(pick),
             ..self
         }

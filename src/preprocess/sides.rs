@@ -51,25 +51,30 @@ impl Sum {
 
 /// Divides the voxels of `grid` by the side of their local plane from which their points were seen.
 ///
-/// `normals` are those of the voxels, of any sign, `neighbors` the neighbours of each voxel; `viewpoints` holds for each
-/// of `points` the position it was seen from.
+/// `normals` are those of the voxels, of any sign, `neighbors` the neighbours of each voxel; `viewpoint_of` gives for
+/// each of `points` the position it was seen from.
 #[must_use]
 pub fn separate_sides(
     points: &[[f64; 3]],
-    viewpoints: &[[f64; 3]],
+    viewpoint_of: impl Fn(usize) -> [f64; 3],
     grid: &VoxelGrid,
     normals: &[[f64; 3]],
     neighbors: &KNeighbors,
 ) -> Sides {
     let mut sums = vec![[Sum::default(); 2]; grid.points.len()];
-    let mut faces = Vec::with_capacity(points.len());
-    for ((point, viewpoint), &voxel) in points.iter().zip(viewpoints).zip(&grid.inverse) {
-        let (position, viewpoint) = (Vector3::from(*point), Vector3::from(*viewpoint));
+    let mut from_behind = Vec::with_capacity(points.len());
+    for (i, (point, &voxel)) in points.iter().zip(&grid.inverse).enumerate() {
+        let (position, viewpoint) = (Vector3::from(*point), Vector3::from(viewpoint_of(i)));
         let toward = (viewpoint - position).try_normalize(0.0).unwrap_or_default();
         let cosine = toward.dot(&Vector3::from(normals[voxel as usize]));
-        let face = usize::from(cosine < 0.0);
-        sums[voxel as usize][face].add(&Sum { position, viewpoint, cosine: cosine.abs(), count: 1.0 });
-        faces.push(face);
+        let behind = cosine < 0.0;
+        sums[voxel as usize][usize::from(behind)].add(&Sum {
+            position,
+            viewpoint,
+            cosine: cosine.abs(),
+            count: 1.0,
+        });
+        from_behind.push(behind);
     }
     let mut sides = Sides::default();
     let mut patch_of_face = vec![[u32::MAX; 2]; sums.len()];
@@ -91,8 +96,8 @@ pub fn separate_sides(
             sides.push(voxel, sum, if face == 0 { normals[voxel] } else { normals[voxel].map(|x| -x) });
         }
     }
-    sides.patch_of_point =
-        faces.iter().zip(&grid.inverse).map(|(&face, &voxel)| patch_of_face[voxel as usize][face]).collect();
+    let patch = |(&behind, &voxel): (&bool, &u32)| patch_of_face[voxel as usize][usize::from(behind)];
+    sides.patch_of_point = from_behind.iter().zip(&grid.inverse).map(patch).collect();
     if sides.divided > 0 {
         sides.normals = sides.own_normals(&patch_of_face, neighbors);
     }

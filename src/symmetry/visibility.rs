@@ -37,16 +37,18 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// Bins the points of each view by direction. Points without a viewpoint are skipped; `None` when there is none.
+    /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for.
+    /// Points without a viewpoint are skipped; `None` when there is none.
     #[must_use]
     pub fn new(
-        points: &[Vector3<f64>],
-        viewpoint_of: impl Fn(usize) -> Option<Vector3<f64>> + Sync,
+        count: usize,
+        point_of: impl Fn(usize) -> Vector3<f64> + Sync,
+        viewpoint_of: impl Fn(usize) -> Option<Vector3<f64>>,
     ) -> Option<Self> {
         let mut view_of_key: HashMap<[u64; 3], usize> = HashMap::new();
         let mut members: Vec<(Vector3<f64>, Vec<u32>)> = Vec::new();
         let mut last: Option<(Vector3<f64>, usize)> = None;
-        for i in 0..points.len() {
+        for i in 0..count {
             let Some(viewpoint) = viewpoint_of(i) else { continue };
             let view = match last {
                 Some((known, view)) if known == viewpoint => view,
@@ -65,14 +67,14 @@ impl Visibility {
         members.truncate(MAX_VIEWS);
         let mut views: Vec<DepthMap> = members
             .par_iter()
-            .filter_map(|(center, indices)| DepthMap::new(center, points, indices))
+            .filter_map(|(center, indices)| DepthMap::new(center, &point_of, indices))
             .collect();
         if views.is_empty() {
             return None;
         }
-        let dropout = dropout(&views, points);
+        let dropout = dropout(&views, count, &point_of);
         if dropout > 0.0 {
-            views.par_iter_mut().for_each(|view| view.hide_lost(points));
+            views.par_iter_mut().for_each(|view| view.hide_lost((0..count).map(&point_of)));
         }
         Some(Self { views, dropout })
     }
@@ -92,26 +94,27 @@ impl Visibility {
     }
 }
 
-/// Returns that are missing for each that came, over some of the `points` and all views.
+/// Returns that are missing for each that came, over some of the points and all views.
 ///
 /// Nothing is missing in the view that a point comes from, so that one view alone loses nothing.
-fn dropout(views: &[DepthMap], points: &[Vector3<f64>]) -> f64 {
+fn dropout(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3<f64>) -> f64 {
     /// Points that are looked for in every view.
     const LOOKED_AT: usize = 2000;
     /// As many are missing about the edges of what any sensor sees.
     const EDGES: f64 = 0.04;
-    let step = points.len().div_ceil(LOOKED_AT);
+    let step = count.div_ceil(LOOKED_AT);
     let (mut missing, mut came) = (0.0, 0.0);
-    for (point, view) in points.iter().step_by(step).flat_map(|p| views.iter().map(move |v| (p, v))) {
+    let points = (0..count).step_by(step).map(point_of);
+    for (point, view) in points.flat_map(|p| views.iter().map(move |v| (p, v))) {
         let margin = 3.0 * view.cell * (point - view.center).norm();
-        match view.at(point) {
+        match view.at(&point) {
             Some(Cell { nearest, .. }) if nearest.is_infinite() => missing += 1.0,
             Some(Cell { range, own, .. }) if (f64::from(own) - range).abs() < margin => came += 1.0,
             _ => {}
         }
     }
     // Each point came in its own view, which says nothing.
-    let others = f64::max(came - points.len().div_ceil(step) as f64, 0.0);
+    let others = f64::max(came - count.div_ceil(step) as f64, 0.0);
     let lost = if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 };
     if lost > EDGES { lost } else { 0.0 }
 }
@@ -138,15 +141,15 @@ struct DepthMap {
 }
 
 impl DepthMap {
-    fn new(center: &Vector3<f64>, points: &[Vector3<f64>], indices: &[u32]) -> Option<Self> {
-        let middle: Vector3<f64> =
-            indices.iter().filter_map(|&i| (points[i as usize] - center).try_normalize(0.0)).sum();
+    fn new(center: &Vector3<f64>, point_of: impl Fn(usize) -> Vector3<f64>, indices: &[u32]) -> Option<Self> {
+        let rays = || indices.iter().map(|&i| point_of(i as usize) - center);
+        let middle: Vector3<f64> = rays().filter_map(|ray| ray.try_normalize(0.0)).sum();
         let toward = middle.try_normalize(1e-9)?;
         let up = Vector3::ith(toward.iamin(), 1.0);
         let camera_from_world = Rotation3::look_at_lh(&toward, &up).into_inner();
         let limit = MAX_OFF_AXIS.tan();
-        let project = |point: &Vector3<f64>| -> Option<([f64; 2], f64)> {
-            let local = camera_from_world * (point - center);
+        let project = |ray: Vector3<f64>| -> Option<([f64; 2], f64)> {
+            let local = camera_from_world * ray;
             if local.z <= 0.0 {
                 return None;
             }
@@ -155,36 +158,35 @@ impl DepthMap {
         };
         let mut lower = [f64::INFINITY; 2];
         let mut upper = [f64::NEG_INFINITY; 2];
-        let mut projected = Vec::with_capacity(indices.len());
-        for &i in indices {
-            let Some((uv, range)) = project(&points[i as usize]) else { continue };
+        let mut projected = 0_usize;
+        for (uv, _) in rays().filter_map(project) {
             for axis in 0..2 {
                 lower[axis] = lower[axis].min(uv[axis]);
                 upper[axis] = upper[axis].max(uv[axis]);
             }
-            projected.push((uv, range));
+            projected += 1;
         }
         let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
-        if projected.len() < 16 || extent <= 0.0 {
+        if projected < 16 || extent <= 0.0 {
             return None;
         }
         // About four points a cell if the view were filled, so that a cell without return is a true gap.
-        let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected.len() as f64).sqrt());
+        let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected as f64).sqrt());
         let size = [0, 1].map(|axis| ((upper[axis] - lower[axis]) / cell) as usize + 1);
         let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
-        for (uv, range) in &projected {
+        for (uv, range) in rays().filter_map(project) {
             let [column, row] = [0, 1].map(|axis| ((uv[axis] - lower[axis]) / cell) as usize);
             let slot = &mut nearest[row * size[0] + column];
-            *slot = slot.min(*range as f32);
+            *slot = slot.min(range as f32);
         }
         Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
     }
 
     /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
     /// the sensor lost the return, and nothing is known about any place along the ray.
-    fn hide_lost(&mut self, points: &[Vector3<f64>]) {
+    fn hide_lost(&mut self, points: impl Iterator<Item = Vector3<f64>>) {
         for point in points {
-            if let Some([column, row]) = self.cell_of(point) {
+            if let Some([column, row]) = self.cell_of(&point) {
                 let nearest = &mut self.nearest[row * self.size[0] + column];
                 if nearest.is_infinite() {
                     *nearest = 0.0;
