@@ -38,7 +38,7 @@ pub(crate) fn on_surfaces(
     let limit = params.off_surface.filter(|_| viewpoints).unwrap_or(f64::INFINITY);
     let mut regular = vec![false; neighbors.len()];
     statistical_inliers(neighbors, &params.statistical())?.iter().for_each(|&i| regular[i as usize] = true);
-    let dense = |i: usize| sparse_plane(i) || (regular[i] && crowded(i) && !scattered[i]);
+    let dense = |i: usize| crowded(i) && !scattered[i] && (regular[i] || sparse_plane(i));
     let kept = (0..neighbors.len()).filter(|&i| dense(i) && deviation[i] <= limit);
     Ok(kept.map(|i| i as u32).collect())
 }
