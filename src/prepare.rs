@@ -87,11 +87,14 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
     let neighbors = KNeighbors::new(&tree, &grid.points, config.normals.k.max(config.outliers.k))?;
+    stages.check()?;
     let planes = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
+    stages.check()?;
     let oriented = cloud.has_viewpoints();
     let mut kept = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
     let everything = beside.as_deref().unwrap_or(&part.rows);
     let visibility = sight(cloud, &part, everything, &strays(&grid, &kept));
+    stages.check()?;
     kept = of_part(&grid.points, kept, visibility.as_ref(), voxel_size, diameter, config)?;
     let normals = planes.normals;
     stages.number("surface_points", kept.len() as f64);

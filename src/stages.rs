@@ -48,6 +48,11 @@ impl<'a> Stages<'a> {
         }
     }
 
+    /// Stops a long stage between its parts when the work is cancelled.
+    pub(crate) fn check(&self) -> Result<()> {
+        self.control.check()
+    }
+
     pub(crate) fn number(&mut self, name: &str, value: f64) {
         self.diagnostics.insert(name.to_owned(), Diagnostic::Number(value));
     }
