@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,11 @@ from numpy.typing import NDArray
 import sympose
 
 ORDER = 5
+
+
+def heed_ctrl_c() -> None:
+    """For `preexec_fn`: a job in the background starts its children with SIGINT ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import sympose
-from conftest import ORDER, Part, make_part
+from conftest import ORDER, Part, heed_ctrl_c, make_part
 from sympose.cli import main
 
 
@@ -92,7 +93,8 @@ def reading(pipe: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """`sympose` in a process of its own, waiting for the scan that `pipe` is to bring."""
     os.mkfifo(pipe)
     command = [sys.executable, "-m", "sympose", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, preexec_fn=heed_ctrl_c, **pipes)
     with process:
         try:
             yield process

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import sympose
-from conftest import ORDER, Part, make_part
+from conftest import ORDER, Part, heed_ctrl_c, make_part
 from sympose import Config, DeadlineExceededError
 
 FINE = Config(ground="off", cluster="off", voxel_size=0.001)
@@ -117,6 +117,7 @@ def test_ctrl_c_interrupts_within_a_second() -> None:
         stdout=subprocess.PIPE,
         text=True,
         cwd=os.path.dirname(__file__),
+        preexec_fn=heed_ctrl_c,
     )
     with process:
         assert process.stdout is not None
