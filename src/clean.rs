@@ -17,6 +17,9 @@ const FLAT: f64 = 0.03;
 /// Size at which a cluster within reach of the box of the main one is kept beside it [share of the main one].
 const ENCLOSED: f64 = 0.002;
 
+/// How far beyond that box [gaps between clusters].
+const REACH: f64 = 3.0;
+
 /// Voxels that lie on some surface, ascending: those that are not alone, scattered in space or off the plane of their
 /// neighbours.
 pub(crate) fn on_surfaces(
@@ -66,7 +69,7 @@ pub(crate) fn of_part(
     let rows: Vec<[f64; 3]> = kept.iter().map(|&i| points[i as usize]).collect();
     let distance = (params.cluster_distance * diameter).max(3.0 * voxel_size);
     let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: params.cluster_ratio })?;
-    let reach = 3.0 * distance;
+    let reach = REACH * distance;
     // A face deep inside, seen through an opening, is a small piece of its own, within or just beside the box of the rest.
     let (lower, upper) = bounds(rows.iter().zip(&clusters.labels).filter(|(_, l)| **l == 0).map(|(p, _)| p));
     let inside =

@@ -50,20 +50,21 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.number("input_points", cloud.len() as f64);
     stages.number("non_finite_points", cloud.dropped() as f64);
     let scene = Scene::new(cloud, config)?;
+
     stages.begin("ground")?;
     let params = GroundParams { seed: config.seed, ..config.plane.clone() };
     let ground = find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground)?;
-    let (part, beside) = match &ground {
+    let (part, region) = match &ground {
         Some(Ground { kept, reason, removed, .. }) => {
             stages.text("ground", reason);
             stages.number("ground_points", *removed as f64);
-            let everything = scene.rows.clone();
+            let region = scene.rows.clone();
             let scene = scene.select(kept);
             let part = match config.cluster {
                 ClusterMode::Main => scene.isolated(&config.outliers)?,
                 ClusterMode::Off => scene,
             };
-            (part, Some(everything))
+            (part, Some(region))
         }
         None => (scene, None),
     };
@@ -91,17 +92,16 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let planes = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
     stages.check()?;
     let oriented = cloud.has_viewpoints();
-    let mut kept = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
-    let everything = beside.as_deref().unwrap_or(&part.rows);
-    let visibility = sight(cloud, &part, everything, &strays(&grid, &kept));
+    let on_surface = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
+    let visibility = part.sight(region.as_deref().unwrap_or(&part.rows), &grid, &on_surface);
     stages.check()?;
-    kept = of_part(&grid.points, kept, visibility.as_ref(), voxel_size, diameter, config)?;
+    let kept = of_part(&grid.points, on_surface, visibility.as_ref(), voxel_size, diameter, config)?;
     let normals = planes.normals;
     stages.number("surface_points", kept.len() as f64);
     enough("outliers", kept.len())?;
 
     stages.begin("normals")?;
-    let counts = grid.points.len();
+    let voxels = grid.points.len();
     let mut sides = if oriented {
         let viewpoint = |i| part.viewpoint(i).unwrap_or_default();
         let sides = separate_sides(&part.points, viewpoint, &grid, &normals, &neighbors);
@@ -122,7 +122,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         replace_by_given(&mut sides.normals, given, &sides.patch_of_point);
     }
 
-    let mut is_kept = vec![false; counts];
+    let mut is_kept = vec![false; voxels];
     kept.iter().for_each(|&voxel| is_kept[voxel as usize] = true);
     let chosen: Vec<u32> = (0_u32..)
         .zip(&sides.voxel_of)
@@ -162,28 +162,6 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         ground: ground.map(|g| g.plane),
         visibility,
         toward_sensors,
-    })
-}
-
-/// For each point of the part whether its voxel is none of those kept.
-fn strays(grid: &VoxelGrid, kept: &[u32]) -> Vec<bool> {
-    let mut stray = vec![true; grid.points.len()];
-    kept.iter().for_each(|&voxel| stray[voxel as usize] = false);
-    grid.inverse.iter().map(|&voxel| stray[voxel as usize]).collect()
-}
-
-/// What the cameras saw to be empty, by the rays to all points of the region but the strays: these would hide the empty
-/// space behind them. `None` without viewpoints.
-fn sight(cloud: &PointCloud, part: &Scene, everything: &[u32], strays: &[bool]) -> Option<Visibility> {
-    if !cloud.has_viewpoints() {
-        return None;
-    }
-    let mut is_stray = vec![false; cloud.len()];
-    part.rows.iter().zip(strays).for_each(|(&row, &stray)| is_stray[row as usize] = stray);
-    let rows: Vec<u32> = everything.iter().copied().filter(|&row| !is_stray[row as usize]).collect();
-    let point = |i: usize| part.local(cloud.local_points()[rows[i] as usize]).into();
-    Visibility::new(rows.len(), point, |i| {
-        cloud.viewpoints().of(rows[i] as usize).map(|viewpoint| part.local(viewpoint).into())
     })
 }
 
@@ -242,6 +220,25 @@ impl<'a> Scene<'a> {
     fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
         let of = |row: u32| self.cloud.viewpoints().of(row as usize).unwrap_or_default();
         self.cloud.has_viewpoints().then(|| self.local(of(self.rows[i])))
+    }
+
+    /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, but not to those of
+    /// the part whose voxel is none of `on_surface`: strays would hide the empty space behind them. `None` without
+    /// viewpoints.
+    fn sight(&self, region: &[u32], grid: &VoxelGrid, on_surface: &[u32]) -> Option<Visibility> {
+        if !self.cloud.has_viewpoints() {
+            return None;
+        }
+        let mut is_stray = vec![true; grid.points.len()];
+        on_surface.iter().for_each(|&voxel| is_stray[voxel as usize] = false);
+        let mut is_left_out = vec![false; self.cloud.len()];
+        for (&row, &voxel) in self.rows.iter().zip(&grid.inverse) {
+            is_left_out[row as usize] = is_stray[voxel as usize];
+        }
+        let rows: Vec<u32> = region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect();
+        let point = |i: usize| self.local(self.cloud.local_points()[rows[i] as usize]).into();
+        let viewpoint = |i: usize| self.cloud.viewpoints().of(rows[i] as usize);
+        Visibility::new(rows.len(), point, |i| viewpoint(i).map(|v| self.local(v).into()))
     }
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
