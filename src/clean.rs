@@ -29,19 +29,16 @@ pub(crate) fn on_surfaces(
     voxel_size: f64,
     params: &OutlierParams,
 ) -> Result<Vec<u32>> {
-    let radius_sq = (params.radius * voxel_size).powi(2);
-    // A point is its own first neighbour, so the neighbour of rank `min_neighbors` decides.
-    let crowded = |i: usize| {
-        let (_, distances_sq) = neighbors.of(i);
-        distances_sq.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq)
-    };
-    let scattered = scattered(neighbors, surface_variation, params);
+    let strays = Strays::new(neighbors, surface_variation, params);
+    let radius_sq = (strays.leniency * params.radius * voxel_size).powi(2);
+    let crowded = |i: usize| neighbors.of(i).1.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq);
     let sparse_plane = |i: usize| params.scattered.is_some() && surface_variation[i] <= FLAT;
     // Without viewpoints the fine voxels of a thin wall lie on two surfaces at once, each off the other one.
     let limit = params.off_surface.filter(|_| viewpoints).unwrap_or(f64::INFINITY);
+    let statistical = params.statistical(strays.leniency);
     let mut regular = vec![false; neighbors.len()];
-    statistical_inliers(neighbors, &params.statistical())?.iter().for_each(|&i| regular[i as usize] = true);
-    let dense = |i: usize| crowded(i) && !scattered[i] && (regular[i] || sparse_plane(i));
+    statistical_inliers(neighbors, &statistical)?.iter().for_each(|&i| regular[i as usize] = true);
+    let dense = |i: usize| crowded(i) && !strays.scattered[i] && (regular[i] || sparse_plane(i));
     let kept = (0..neighbors.len()).filter(|&i| dense(i) && deviation[i] <= limit);
     Ok(kept.map(|i| i as u32).collect())
 }
@@ -84,27 +81,41 @@ pub(crate) fn of_part(
     Ok(chosen.map(|(&i, _)| i).collect())
 }
 
-/// Points whose nearest neighbours are far away and on all sides; far away in one plane they are a sparse surface.
-fn scattered(neighbors: &KNeighbors, surface_variation: &[f64], params: &OutlierParams) -> Vec<bool> {
-    /// Share of scattered points beyond which strays are many, so that they are near each other and near the surface.
-    const MANY: f64 = 0.02;
-    /// What the limit is multiplied by where they are many.
-    const STRICT: f64 = 0.8;
-    let count = surface_variation.len();
-    // A point is its own first neighbour.
-    let reach_sq = |i: usize| neighbors.of(i).1.get(params.min_neighbors).copied().unwrap_or(0.0);
-    let mut flat: Vec<f64> = (0..count).filter(|&i| surface_variation[i] <= FLAT).map(reach_sq).collect();
-    let Some(limit) = params.scattered.filter(|_| !flat.is_empty()) else { return vec![false; count] };
-    let middle = flat.len() / 2;
-    let typical_sq = *flat.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let beyond = |limit: f64| {
-        let widest_sq = limit * limit * typical_sq;
-        let is_beyond = move |i| surface_variation[i] > FLAT && reach_sq(i) > widest_sq;
-        (0..count).map(is_beyond).collect::<Vec<bool>>()
-    };
-    let strays = beyond(limit);
-    let many = strays.iter().filter(|&&stray| stray).count() as f64 > MANY * count as f64;
-    if many { beyond(STRICT * limit) } else { strays }
+/// What the distances to the nearest neighbours say about strays.
+struct Strays {
+    /// Points whose nearest neighbours are far away and on all sides; far away in one plane they are a sparse surface.
+    scattered: Vec<bool>,
+    /// What the limits of all filters of density are multiplied by: few strays are far from each other.
+    leniency: f64,
+}
+
+impl Strays {
+    fn new(neighbors: &KNeighbors, surface_variation: &[f64], params: &OutlierParams) -> Self {
+        /// Share of scattered points beyond which strays are many, so that they are near each other and near the surface.
+        const MANY: f64 = 0.05;
+        /// Where they are few.
+        const LENIENT: f64 = 1.6;
+        let count = surface_variation.len();
+        // A point is its own first neighbour.
+        let reach_sq = |i: usize| neighbors.of(i).1.get(params.min_neighbors).copied().unwrap_or(0.0);
+        let mut flat: Vec<f64> = (0..count).filter(|&i| surface_variation[i] <= FLAT).map(reach_sq).collect();
+        let Some(limit) = params.scattered.filter(|_| !flat.is_empty()) else {
+            return Self { scattered: vec![false; count], leniency: 1.0 };
+        };
+        let middle = flat.len() / 2;
+        let typical_sq = *flat.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let beyond = |limit: f64| -> Vec<bool> {
+            let widest_sq = limit * limit * typical_sq;
+            (0..count).map(|i| surface_variation[i] > FLAT && reach_sq(i) > widest_sq).collect()
+        };
+        let scattered = beyond(limit);
+        let many = scattered.iter().filter(|&&stray| stray).count() as f64 > MANY * count as f64;
+        if many {
+            Self { scattered, leniency: 1.0 }
+        } else {
+            Self { scattered: beyond(LENIENT * limit), leniency: LENIENT }
+        }
+    }
 }
 
 /// Lower and upper corner of the box about some points.

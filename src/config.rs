@@ -82,6 +82,10 @@ pub enum Yaw {
 }
 
 /// How stray points are told from the part.
+///
+/// The limits on density (`radius`, `std_ratio`, `scattered`) hold where strays are many. Few strays are far from each
+/// other, so where `scattered` finds few, all three are 1.6 times as wide and spare what the part shows of itself at a
+/// grazing angle or through a gap.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutlierParams {
@@ -94,7 +98,7 @@ pub struct OutlierParams {
     /// Standard deviations beyond the mean at which the statistical filter cuts.
     pub std_ratio: f64,
     /// Distance of the farthest of `min_neighbors` beyond which a point is stray, unless its neighbours lie in a plane
-    /// [median of those that do]; less where strays are many, `None` keeps it.
+    /// [median of those that do]; `None` keeps it.
     pub scattered: Option<f64>,
     /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it];
     /// `None` keeps it. Counts where viewpoints are known.
@@ -114,7 +118,7 @@ impl Default for OutlierParams {
             min_neighbors: 4,
             k: 20,
             std_ratio: 5.0,
-            scattered: Some(2.5),
+            scattered: Some(2.0),
             off_surface: Some(6.0),
             seen_through: true,
             cluster_distance: 0.05,
@@ -124,8 +128,8 @@ impl Default for OutlierParams {
 }
 
 impl OutlierParams {
-    pub(crate) fn statistical(&self) -> StatisticalParams {
-        StatisticalParams { k: self.k, std_ratio: self.std_ratio }
+    pub(crate) fn statistical(&self, leniency: f64) -> StatisticalParams {
+        StatisticalParams { k: self.k, std_ratio: leniency * self.std_ratio }
     }
 }
 

@@ -296,7 +296,8 @@ impl Estimator {
 
     fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
         let surface = &prepared.surface;
-        let gate = Gate { distance: DETECTION_GATE * surface.spacing, ..self.final_gate(surface) };
+        let [distance, off_plane] = DETECTION_GATE.map(|spacings| spacings * surface.spacing);
+        let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
         let mut params = self.config.detect.clone();
         if self.config.order != Order::Auto {
             params.ring_samples = params.ring_samples.min(REMARKED);
@@ -325,7 +326,7 @@ impl Estimator {
 
     fn final_gate(&self, surface: &Surface) -> Gate {
         let params = &self.config.refine;
-        Gate { distance: 3.0 * surface.spacing, cosine: params.max_normal_angle.cos() }
+        Gate::new(3.0 * surface.spacing, params.max_normal_angle.cos())
     }
 
     /// Match score of rotations by any angle.
@@ -355,8 +356,9 @@ const START_STEPS: f64 = 512.0;
 /// Points on which the axis is aligned before all are used.
 const COARSE: usize = 4000;
 
-/// Distance of a match when the order is found [point spacings].
-const DETECTION_GATE: f64 = 2.5;
+/// Distance of a match when the order is found, and its distance off the plane: it is beside a point that the gaps between
+/// the points count [point spacings].
+const DETECTION_GATE: [f64; 2] = [2.5, 1.5];
 
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;

@@ -49,7 +49,7 @@ pub(super) fn residual(
 ) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     let point = (object_from_scan * Point3::from(*point)).coords;
     let normal = object_from_scan * normal;
-    let (met, facing) = surface.matching(&point, &normal, Gate { distance: gate, cosine: MIN_COSINE })?;
+    let (met, facing) = surface.matching(&point, &normal, Gate::new(gate, MIN_COSINE))?;
     let rows = Residual::PointToPlane.rows(&normal, facing);
     let row = *rows.as_slice().first()?;
     Some((point, row, row.dot(&(point - met))))

@@ -216,7 +216,7 @@ impl Reference {
             rotation: scan_from_object.rotation.to_rotation_matrix().into_inner(),
             translation: scan_from_object.translation.vector,
         };
-        let gate = Gate { distance: AGREES * scan.surface.spacing, cosine: MIN_COSINE };
+        let gate = Gate::new(AGREES * scan.surface.spacing, MIN_COSINE);
         let Samples { points, normals } = &self.surface.samples;
         let seen = (0..PROBES).map(|i| {
             // The copies of a point follow each other: a golden stride takes some of every sector.

@@ -172,7 +172,7 @@ fn trial(
     control: &Control,
 ) -> Result<Vec<Proposal>> {
     let refine = RefineParams { max_rounds: 4, max_normal_angle: 0.8, ..RefineParams::default() };
-    let gate = Gate { distance: gates[1], cosine: refine.max_normal_angle.cos() };
+    let gate = Gate::new(gates[1], refine.max_normal_angle.cos());
     starts
         .par_iter()
         .map(|start| {

@@ -170,7 +170,7 @@ pub fn align(
     let schedule = gates(first_gate, last_gate);
     for (level, &distance) in schedule.iter().enumerate() {
         let last = level + 1 == schedule.len();
-        let gate = Gate { distance, cosine: params.max_normal_angle.cos() };
+        let gate = Gate::new(distance, params.max_normal_angle.cos());
         let rounds = if last { params.max_rounds } else { params.max_rounds.min(3) };
         let mut before: Option<Motion> = None;
         for _ in 0..rounds {
@@ -235,7 +235,7 @@ pub fn refine_jointly(
 ) -> Result<Refined> {
     let (centroid, radius) = (surface.centroid, surface.radius);
     let turns = Turns::all(order, params.max_joint_turns);
-    let gate = Gate { distance: params.gate * surface.spacing, cosine: params.max_normal_angle.cos() };
+    let gate = Gate::new(params.gate * surface.spacing, params.max_normal_angle.cos());
     control.check()?;
     let correspondences = Correspondences::find(surface, samples, &aligned.axis, &turns, gate);
     let mut found = residuals(surface, samples, &aligned.axis, &turns, &correspondences, residual);

@@ -114,10 +114,14 @@ pub fn outcome(
 ) -> Outcome {
     let point = turn.apply(point);
     let normal = turn.rotation * normal;
-    if surface.matching(&point, &normal, gate).is_some() {
-        return Outcome::Matched;
+    let mut margin = gate.distance;
+    if let Some(met) = surface.matching(&point, &normal, gate) {
+        if surface.height_over(met, &point).abs() <= gate.off_plane {
+            return Outcome::Matched;
+        }
+        margin = gate.off_plane;
     }
-    match visibility.map_or(Seen::Free, |v| v.seen(&point, gate.distance)) {
+    match visibility.map_or(Seen::Free, |v| v.seen(&point, margin)) {
         Seen::Free => Outcome::Contradicted,
         Seen::Missing => Outcome::Missing,
         Seen::Hidden => Outcome::Hidden,

@@ -122,6 +122,14 @@ impl Surface {
         self.samples.points.is_empty()
     }
 
+    /// Distance of `point` from the plane of the measured point `index`, to the side of its normal \[length\].
+    #[must_use]
+    #[inline]
+    pub fn height_over(&self, index: u32, point: &Vector3<f64>) -> f64 {
+        let Samples { points, normals } = &self.samples;
+        normals[index as usize].dot(&(point - points[index as usize]))
+    }
+
     /// The nearest measured point within the gate whose normal agrees with `normal`; `None` where there is none.
     ///
     /// Of points at nearly the same distance another one than the nearest may be found.
@@ -159,4 +167,15 @@ pub struct Gate {
     pub distance: f64,
     /// Smallest cosine between the normals.
     pub cosine: f64,
+    /// Largest distance off the plane of the other point \[length\]; it counts where a match is judged, not where an axis
+    /// is still on its way.
+    pub off_plane: f64,
+}
+
+impl Gate {
+    /// A gate that asks for no distance off the plane.
+    #[must_use]
+    pub fn new(distance: f64, cosine: f64) -> Self {
+        Self { distance, cosine, off_plane: f64::INFINITY }
+    }
 }
