@@ -10,7 +10,7 @@ use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
-use crate::remarks::{UNSEEN, ambiguity, lost_returns, order_warning};
+use crate::remarks::{UNSEEN, ambiguity, lost_returns, order_warning, unseen_sector};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -24,6 +24,7 @@ use crate::symmetry::propose::Proposal;
 use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
+use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// What one call adds to the configuration.
@@ -269,18 +270,17 @@ impl Estimator {
             let turns = Turns::half(order, self.config.refine.max_turns);
             let samples = surface.samples.strided(JUDGED);
             let gate = self.final_gate(surface);
-            let score =
-                match_score(surface, &samples, &refined.axis, &turns, gate, prepared.visibility.as_ref());
+            let sight = Sight::about(&refined.axis, surface, prepared.visibility.as_ref());
+            let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
             let mut warnings = Vec::new();
             warnings.extend(order_warning(declared, &detection));
             let ambiguity = ambiguity(candidate, candidates);
             let ambiguous = ambiguity.is_some();
             warnings.extend(ambiguity);
-            if declared == Order::Auto && !surface.oriented {
-                warnings.push(UNSEEN.to_owned());
-            }
             if declared == Order::Auto {
+                warnings.extend((!surface.oriented).then(|| UNSEEN.to_owned()));
                 warnings.extend(prepared.visibility.as_ref().and_then(|v| lost_returns(v.dropout)));
+                warnings.extend(sight.unseen().map(unseen_sector));
             }
             let trust = score.trust(surface.oriented);
             if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
@@ -302,7 +302,8 @@ impl Estimator {
         if self.config.order != Order::Auto {
             params.ring_samples = params.ring_samples.min(REMARKED);
         }
-        detect_order(surface, axis, gate, prepared.visibility.as_ref(), &params)
+        let sight = Sight::about(axis, surface, prepared.visibility.as_ref());
+        detect_order(surface, axis, gate, sight, &params)
     }
 
     /// Aligns on a few of the points, then on many, then moves all points too.
@@ -340,7 +341,8 @@ impl Estimator {
             .map(|i| {
                 let angle = std::f64::consts::TAU * i as f64 / ANGLES as f64;
                 let turns = Turns::single(angle);
-                let score = match_score(surface, &samples, axis, &turns, gate, prepared.visibility.as_ref());
+                let score =
+                    match_score(surface, &samples, axis, &turns, gate, prepared.visibility.as_ref().into());
                 [angle, score.value()]
             })
             .collect()

@@ -36,6 +36,14 @@ pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
     })
 }
 
+/// Says so when an order holds although a sector about the axis shows nothing of it.
+pub(crate) fn unseen_sector(width: f64) -> String {
+    format!(
+        "nothing was measured in a sector of {:.0} degrees about the axis: it is taken for unseen, not for empty",
+        width.to_degrees()
+    )
+}
+
 /// Says so when another axis came out of the search that explains the data about as well, as for a cube.
 pub(crate) fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
     /// Share of the score of the chosen axis.

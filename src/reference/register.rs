@@ -221,7 +221,7 @@ impl Reference {
         let seen = (0..PROBES).map(|i| {
             // The copies of a point follow each other: a golden stride takes some of every sector.
             let row = ((i as f64 * GOLDEN).fract() * points.len() as f64) as usize;
-            outcome(scan.surface, &points[row], &normals[row], &turn, gate, scan.visibility)
+            outcome(scan.surface, &points[row], &normals[row], &turn, gate, scan.visibility.into())
         });
         seen.fold(MatchScore::default(), MatchScore::count).explained()
     }

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
 use crate::symmetry::score::{MISSING, Outcome, outcome};
+use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
-use crate::symmetry::visibility::Visibility;
 
 /// How the order is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -151,7 +151,7 @@ impl Sweep {
         axis: &Axis,
         max_order: u32,
         gate: Gate,
-        visibility: Option<&Visibility>,
+        sight: Sight<'_>,
     ) -> Self {
         let fractions: Vec<(u32, u32)> = (2..=max_order)
             .flat_map(|n| (1..=n / 2).map(move |k| (k, n)))
@@ -162,7 +162,7 @@ impl Sweep {
             .map(|&(k, n)| {
                 let turn = axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
                 let rotated = samples.points.iter().zip(&samples.normals);
-                rotated.map(|(p, normal)| outcome(surface, p, normal, &turn, gate, visibility)).collect()
+                rotated.map(|(p, normal)| outcome(surface, p, normal, &turn, gate, sight)).collect()
             })
             .collect();
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
@@ -276,12 +276,12 @@ pub fn detect_order(
     surface: &Surface,
     axis: &Axis,
     gate: Gate,
-    visibility: Option<&Visibility>,
+    sight: Sight<'_>,
     params: &DetectParams,
 ) -> Detection {
     let survey = surface.samples.strided(params.samples);
     let everything: Vec<usize> = (0..survey.points.len()).collect();
-    let sweep = Sweep::new(surface, &survey, axis, params.max_order.min(SURVEY_ORDER), gate, visibility);
+    let sweep = Sweep::new(surface, &survey, axis, params.max_order.min(SURVEY_ORDER), gate, sight);
     let generic_all = sweep.generic(&everything).share_against();
     let structured = structured_samples(&sweep, survey.points.len(), params.structured);
     let share = structured.len() as f64 / everything.len().max(1) as f64;
@@ -295,11 +295,11 @@ pub fn detect_order(
     if share < params.continuous {
         return detection;
     }
-    if visibility.is_none() && twisted(axis, &survey) < params.twisted {
+    if !sight.is_known() && twisted(axis, &survey) < params.twisted {
         return detection;
     }
     let samples = structured_rings(surface, axis, &survey, &structured, params.ring_samples);
-    let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, visibility);
+    let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, sight);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
     let orders: Vec<u32> = (2..=params.max_order).collect();
     let evidence: Vec<OrderEvidence> = orders.par_iter().map(|&n| sweep.order(n, &structured)).collect();
@@ -313,7 +313,7 @@ pub fn detect_order(
             && e.worst <= floor + params.worst_tolerance * contrast
     };
     let best = orders.iter().zip(&evidence).filter(|(_, e)| holds(e)).map(|(n, _)| *n).max();
-    if visibility.is_none() {
+    if !sight.is_known() {
         // Anything may be hidden: no share of misses refuses an order that stands out from the generic angles.
         let stands_out =
             floor < params.unseen_refused && contrast > params.unseen_contrast * detection.generic;

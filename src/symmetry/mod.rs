@@ -17,6 +17,7 @@ pub mod robust;
 pub mod score;
 pub mod search;
 pub mod settle;
+pub mod sight;
 pub mod solver;
 pub mod surface;
 pub mod visibility;

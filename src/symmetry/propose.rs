@@ -178,7 +178,7 @@ fn trial(
         .map(|start| {
             let Refined { axis, .. } =
                 align(surface, samples, *start, turns, Residual::PointToPlane, gates, &refine, control)?;
-            Ok(Proposal { axis, score: match_score(surface, samples, &axis, turns, gate, visibility) })
+            Ok(Proposal { axis, score: match_score(surface, samples, &axis, turns, gate, visibility.into()) })
         })
         .collect()
 }

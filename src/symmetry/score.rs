@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::order::Turns;
+use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
-use crate::symmetry::visibility::{Seen, Visibility};
+use crate::symmetry::visibility::Seen;
 
 /// What became of one rotated point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -110,7 +111,7 @@ pub fn outcome(
     normal: &Vector3<f64>,
     turn: &Turn,
     gate: Gate,
-    visibility: Option<&Visibility>,
+    sight: Sight<'_>,
 ) -> Outcome {
     let point = turn.apply(point);
     let normal = turn.rotation * normal;
@@ -121,7 +122,7 @@ pub fn outcome(
         }
         margin = gate.off_plane;
     }
-    match visibility.map_or(Seen::Free, |v| v.seen(&point, margin)) {
+    match sight.seen(&point, margin) {
         Seen::Free => Outcome::Contradicted,
         Seen::Missing => Outcome::Missing,
         Seen::Hidden => Outcome::Hidden,
@@ -136,7 +137,7 @@ pub fn match_score(
     axis: &Axis,
     turns: &Turns,
     gate: Gate,
-    visibility: Option<&Visibility>,
+    sight: Sight<'_>,
 ) -> MatchScore {
     let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
     let outcomes: Vec<Outcome> = (0..samples.points.len() * moves.len())
@@ -145,7 +146,7 @@ pub fn match_score(
         .map(|i| {
             let (sample, turn) = (i / moves.len(), i % moves.len());
             let (point, normal) = (&samples.points[sample], &samples.normals[sample]);
-            outcome(surface, point, normal, &moves[turn], gate, visibility)
+            outcome(surface, point, normal, &moves[turn], gate, sight)
         })
         .collect();
     outcomes.into_iter().fold(MatchScore::default(), MatchScore::count)

@@ -9,6 +9,7 @@ use crate::symmetry::detect::{DetectParams, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::propose::{Proposal, ProposeParams, propose};
 use crate::symmetry::score::match_score;
+use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
 use crate::symmetry::visibility::Visibility;
 
@@ -126,10 +127,11 @@ fn consider(
     if found.iter().any(same) {
         return;
     }
-    let detection = detect_order(surface, &axis, context.gate, context.visibility, quick);
+    let sight = Sight::about(&axis, surface, context.visibility);
+    let detection = detect_order(surface, &axis, context.gate, sight, quick);
     let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
     let samples = surface.samples.strided(1000);
-    let score = match_score(surface, &samples, &axis, &turns, context.gate, context.visibility);
+    let score = match_score(surface, &samples, &axis, &turns, context.gate, sight);
     found.push(Found {
         proposal: Proposal { axis, score },
         order: detection.order,

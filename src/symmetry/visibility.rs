@@ -79,6 +79,12 @@ impl Visibility {
         Some(Self { views, dropout })
     }
 
+    /// Number of views.
+    #[must_use]
+    pub fn views(&self) -> usize {
+        self.views.len()
+    }
+
     /// What the cameras say about a surface at `point`; a measurement within `margin` \[length\]
     /// in front of it counts as hiding it.
     #[must_use]

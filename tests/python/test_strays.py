@@ -74,9 +74,17 @@ def test_the_order_is_found_among_strays() -> None:
 
 
 def test_sparse_rests_of_the_table_are_not_kept() -> None:
-    # What the ground has left of itself about the part is flat and sparse, like a surface seen at a grazing angle.
+    # What the ground has left of itself about the part is flat and sparse, as a grazing view is.
     scanned = scan(part("sprocket_6"), "table", views=5, seed=1)
     found = sympose.estimate(scanned.scene, order=6)
     foreign = scanned.label_of_point[found.inliers] != 0
     assert found.ground is not None
     assert np.mean(foreign) < 5e-4
+
+
+def test_a_sector_that_nobody_measured_is_not_taken_for_empty() -> None:
+    scanned = scan(part("sprocket_6"), "sphere", views=5, seed=2, wedge_deg=90.0)
+    found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
+    assert found.order == 6
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+    assert any("sector" in warning for warning in found.warnings)

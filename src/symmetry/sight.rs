@@ -1,0 +1,114 @@
+//! What is known of the space about one axis: free space, and the sector of which nothing was measured.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use crate::symmetry::axis::Axis;
+use crate::symmetry::surface::Surface;
+use crate::symmetry::visibility::{Seen, Visibility};
+
+/// What the cameras say about places near an axis.
+#[derive(Debug, Clone, Copy)]
+pub struct Sight<'a> {
+    visibility: Option<&'a Visibility>,
+    unseen: Option<Sector>,
+}
+
+impl<'a> From<Option<&'a Visibility>> for Sight<'a> {
+    fn from(visibility: Option<&'a Visibility>) -> Self {
+        Self { visibility, unseen: None }
+    }
+}
+
+impl<'a> Sight<'a> {
+    /// Looks for a sector about `axis` of which nothing was measured: there, no return says nothing.
+    #[must_use]
+    pub fn about(axis: &Axis, surface: &Surface, visibility: Option<&'a Visibility>) -> Self {
+        // One view leaves so much unseen that an empty sector means nothing.
+        let several = visibility.filter(|v| v.views() > 1);
+        Self { visibility, unseen: several.and_then(|_| Sector::unseen(surface, axis)) }
+    }
+
+    /// Whether viewpoints are known.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.visibility.is_some()
+    }
+
+    /// Width of the sector of which nothing was measured \[rad\].
+    #[must_use]
+    pub fn unseen(&self) -> Option<f64> {
+        self.unseen.map(|sector| sector.width)
+    }
+
+    /// [`Visibility::seen`]; without viewpoints any place counts as free.
+    #[must_use]
+    #[inline]
+    pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
+        let seen = self.visibility.map_or(Seen::Free, |v| v.seen(point, margin));
+        let is_unseen = seen == Seen::Missing && self.unseen.is_some_and(|sector| sector.holds(point));
+        if is_unseen { Seen::Hidden } else { seen }
+    }
+}
+
+/// A sector about an axis.
+#[derive(Debug, Clone, Copy)]
+struct Sector {
+    axis: Axis,
+    /// Angle from the first tangent of the axis \[rad\].
+    start: f64,
+    /// \[rad\]
+    width: f64,
+}
+
+impl Sector {
+    /// The one sector in which no camera measured anything, where it is wider than the gaps of the part itself, which
+    /// come at every fraction of a turn.
+    fn unseen(surface: &Surface, axis: &Axis) -> Option<Self> {
+        const BINS: usize = 120;
+        /// Bins of the narrowest and the widest one: a wider one is the side of the part that no camera faced.
+        const WIDTH: [usize; 2] = [12, 42];
+        /// Bins by which it is wider than the next.
+        const WIDER: usize = 12;
+        /// Points nearer to the axis than this say little about their angle [largest distance].
+        const NEAR: f64 = 0.1;
+        let polar = |p: &Vector3<f64>| polar(axis, p);
+        let rim = surface.samples.points.iter().map(|p| polar(p).0).fold(0.0, f64::max);
+        let mut counts = [0_usize; BINS];
+        for (radius, angle) in surface.samples.points.iter().map(polar) {
+            if radius > NEAR * rim {
+                counts[((angle / TAU * BINS as f64) as usize).min(BINS - 1)] += 1;
+            }
+        }
+        let first = counts.iter().position(|&count| count > 0)?;
+        // Runs of empty bins, from a bin that is not.
+        let (mut runs, mut length) = (Vec::new(), 0);
+        for bin in first..=first + BINS {
+            if counts[bin % BINS] == 0 {
+                length += 1;
+            } else if length > 0 {
+                runs.push((length, bin - length));
+                length = 0;
+            }
+        }
+        runs.sort_unstable_by(|a, b| b.cmp(a));
+        let &(widest, start) = runs.first()?;
+        let next = runs.get(1).map_or(0, |run| run.0);
+        let alone = (WIDTH[0]..=WIDTH[1]).contains(&widest) && widest >= next + WIDER;
+        let bin = TAU / BINS as f64;
+        // The bins on either side are empty in part.
+        let start = (start as f64 - 1.0) * bin;
+        alone.then_some(Self { axis: *axis, start, width: (widest + 2) as f64 * bin })
+    }
+
+    fn holds(&self, point: &Vector3<f64>) -> bool {
+        (polar(&self.axis, point).1 - self.start).rem_euclid(TAU) <= self.width
+    }
+}
+
+/// Distance from an axis \[length\], and angle about it from its first tangent, in [0, 2π] \[rad\].
+fn polar(axis: &Axis, point: &Vector3<f64>) -> (f64, f64) {
+    let [x, y] = axis.tangents().map(|tangent| tangent.dot(&(point - axis.point)));
+    (x.hypot(y), y.atan2(x).rem_euclid(TAU))
+}
