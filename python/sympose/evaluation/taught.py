@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 import sympose
 from sympose.datasets import Scan
 from sympose.evaluation.measure import Row, identity, key_of
-from sympose.evaluation.reference import reference_of
+from sympose.evaluation.reference import Reference, about_z, reference_of, turned_over
 from sympose.evaluation.scenario import Scenario, Subject
 from sympose.metrics import mssd
 
@@ -40,9 +40,29 @@ def measure_taught(subject: Subject, scenario: Scenario, seed: int) -> Row:
     # From the true frame of the first scan to the taught one, and back from where it was found in the second.
     taught_from_true = np.linalg.inv(taught.pose) @ _in_diameters(first) @ reference.mesh_from_object
     estimated, truth = found.pose @ taught_from_true, _in_diameters(second) @ reference.mesh_from_object
-    row["taught_mssd"] = mssd(reference.points, estimated, truth, reference.symmetries)
+    symmetries = reference.symmetries
+    if part.dihedral:
+        symmetries = np.concatenate([symmetries, symmetries @ _flip(reference)])
+    row["taught_mssd"] = mssd(reference.points, estimated, truth, symmetries)
     row["score"] = float(found.score)
     return row
+
+
+def _flip(reference: Reference) -> NDArray[np.float64]:
+    """(4, 4) half turn about an axis across that of a dihedral part; the surface tells which."""
+    tree = sympose.KdTree(reference.points)
+    some = reference.points[:: max(1, len(reference.points) // 2000)]
+    flips = some @ turned_over()[:3, :3].T
+
+    def misfit(angle: float) -> float:
+        distances, _ = tree.query(flips @ about_z(angle)[:3, :3].T)
+        return float(np.mean(distances))
+
+    best, width = 0.0, 2.0 * np.pi / len(reference.symmetries)
+    for _ in range(4):
+        angles = best + width * np.linspace(-0.5, 0.5, 33)
+        best, width = angles[np.argmin([misfit(angle) for angle in angles])], width / 16
+    return about_z(best) @ turned_over()
 
 
 def _seen(scan: Scan) -> sympose.Scene:
