@@ -73,13 +73,15 @@ impl Sector {
         const WIDER: usize = 12;
         /// Points nearer to the axis than this say little about their angle [largest distance].
         const NEAR: f64 = 0.1;
-        let polar = |p: &Vector3<f64>| polar(axis, p);
-        let rim = surface.samples.points.iter().map(|p| polar(p).0).fold(0.0, f64::max);
+        /// More points than this do not fill more bins.
+        const LOOKED_AT: usize = 20_000;
+        let points = &surface.samples.points;
+        let step = points.len().div_ceil(LOOKED_AT).max(1);
+        let places: Vec<(f64, f64)> = points.iter().step_by(step).map(|p| polar(axis, p)).collect();
+        let rim = places.iter().map(|place| place.0).fold(0.0, f64::max);
         let mut counts = [0_usize; BINS];
-        for (radius, angle) in surface.samples.points.iter().map(polar) {
-            if radius > NEAR * rim {
-                counts[((angle / TAU * BINS as f64) as usize).min(BINS - 1)] += 1;
-            }
+        for (_, angle) in places.into_iter().filter(|(radius, _)| *radius > NEAR * rim) {
+            counts[((angle / TAU * BINS as f64) as usize).min(BINS - 1)] += 1;
         }
         let first = counts.iter().position(|&count| count > 0)?;
         // Runs of empty bins, from a bin that is not.
