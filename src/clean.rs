@@ -31,7 +31,7 @@ pub(crate) fn on_surfaces(
 ) -> Result<Vec<u32>> {
     let strays = Strays::new(neighbors, surface_variation, params);
     let radius_sq = (strays.leniency * params.radius * voxel_size).powi(2);
-    let crowded = |i: usize| neighbors.of(i).1.get(params.min_neighbors).is_none_or(|&d| d <= radius_sq);
+    let crowded = |i: usize| reach_sq(neighbors, params, i) <= radius_sq;
     let sparse_plane = |i: usize| params.scattered.is_some() && surface_variation[i] <= FLAT;
     // Without viewpoints the fine voxels of a thin wall lie on two surfaces at once, each off the other one.
     let limit = params.off_surface.filter(|_| viewpoints).unwrap_or(f64::INFINITY);
@@ -81,6 +81,12 @@ pub(crate) fn of_part(
     Ok(chosen.map(|(&i, _)| i).collect())
 }
 
+/// Squared distance of voxel `i` from the farthest of the neighbours that it must have; 0 where there are no more points.
+fn reach_sq(neighbors: &KNeighbors, params: &OutlierParams, i: usize) -> f64 {
+    // A point is its own first neighbour.
+    neighbors.of(i).1.get(params.min_neighbors).copied().unwrap_or(0.0)
+}
+
 /// What the distances to the nearest neighbours say about strays.
 struct Strays {
     /// Points whose nearest neighbours are far away and on all sides; far away in one plane they are a sparse surface.
@@ -96,8 +102,7 @@ impl Strays {
         /// Where they are few.
         const LENIENT: f64 = 1.6;
         let count = surface_variation.len();
-        // A point is its own first neighbour.
-        let reach_sq = |i: usize| neighbors.of(i).1.get(params.min_neighbors).copied().unwrap_or(0.0);
+        let reach_sq = |i: usize| reach_sq(neighbors, params, i);
         let mut flat: Vec<f64> = (0..count).filter(|&i| surface_variation[i] <= FLAT).map(reach_sq).collect();
         let Some(limit) = params.scattered.filter(|_| !flat.is_empty()) else {
             return Self { scattered: vec![false; count], leniency: 1.0 };

@@ -24,7 +24,6 @@ use crate::symmetry::propose::Proposal;
 use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
-use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// What one call adds to the configuration.
@@ -270,7 +269,7 @@ impl Estimator {
             let turns = Turns::half(order, self.config.refine.max_turns);
             let samples = surface.samples.strided(JUDGED);
             let gate = self.final_gate(surface);
-            let sight = Sight::about(&refined.axis, surface, prepared.visibility.as_ref());
+            let sight = prepared.sight(&refined.axis);
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
             let mut warnings = Vec::new();
             warnings.extend(order_warning(declared, &detection));
@@ -302,8 +301,7 @@ impl Estimator {
         if self.config.order != Order::Auto {
             params.ring_samples = params.ring_samples.min(REMARKED);
         }
-        let sight = Sight::about(axis, surface, prepared.visibility.as_ref());
-        detect_order(surface, axis, gate, sight, &params)
+        detect_order(surface, axis, gate, prepared.sight(axis), &params)
     }
 
     /// Aligns on a few of the points, then on many, then moves all points too.
@@ -337,12 +335,12 @@ impl Estimator {
         let surface = &prepared.surface;
         let samples = surface.samples.strided(SAMPLES);
         let gate = self.final_gate(surface);
+        let sight = prepared.sight(axis);
         (0..ANGLES)
             .map(|i| {
                 let angle = std::f64::consts::TAU * i as f64 / ANGLES as f64;
                 let turns = Turns::single(angle);
-                let score =
-                    match_score(surface, &samples, axis, &turns, gate, prepared.visibility.as_ref().into());
+                let score = match_score(surface, &samples, axis, &turns, gate, sight);
                 [angle, score.value()]
             })
             .collect()

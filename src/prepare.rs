@@ -13,7 +13,9 @@ use crate::preprocess::{
 };
 use crate::spatial::KdTree;
 use crate::stages::Stages;
+use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
+use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::visibility::Visibility;
 
@@ -40,6 +42,13 @@ pub(crate) struct Prepared {
     pub visibility: Option<Visibility>,
     /// Mean unit direction from the part to its sensors, short when they stand all round.
     pub toward_sensors: Option<Vector3<f64>>,
+}
+
+impl Prepared {
+    /// What the cameras say about places near `axis`.
+    pub(crate) fn sight(&self, axis: &Axis) -> Sight<'_> {
+        Sight::about(axis, &self.surface, self.visibility.as_ref())
+    }
 }
 
 /// Runs all stages before the search for the axis.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -88,3 +90,21 @@ def test_a_sector_that_nobody_measured_is_not_taken_for_empty() -> None:
     assert found.order == 6
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
     assert any("sector" in warning for warning in found.warnings)
+
+
+def test_a_sector_that_a_camera_saw_through_is_empty() -> None:
+    scanned = scan(part("sprocket_6"), "table", views=5, seed=3)
+    points, viewpoints = scanned.scene.points.copy(), np.asarray(scanned.scene.viewpoints)
+    ground = sympose.estimate(scanned.scene, order=6).ground
+    assert ground is not None
+    # As if a quarter of the part were missing: the rays that met it go on to the table.
+    across = np.cross(scanned.axis, [1.0, 0.0, 0.0])
+    from_center = points - scanned.center
+    missing = (from_center @ across > 0.0) & (from_center @ np.cross(scanned.axis, across) > 0.0)
+    missing &= scanned.label_of_point == 0
+    rays = points[missing] - viewpoints[missing]
+    lengths = -(viewpoints[missing] @ ground[:3] + ground[3]) / (rays @ ground[:3])
+    points[missing] = viewpoints[missing] + lengths[:, None] * rays
+    # A flat part that misses a quarter still looks the same after half a turn about the bisector.
+    with contextlib.suppress(sympose.NoSymmetryError):
+        assert sympose.estimate(points, viewpoints=viewpoints).order == 2
