@@ -1,9 +1,9 @@
 //! [`Config`]: every setting of the pipeline, nested by stage, with defaults that fit any unit.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
-use crate::preprocess::{GroundParams, NormalParams, StatisticalParams};
+use crate::preprocess::{GroundParams, NormalParams, SmoothingParams, StatisticalParams};
 use crate::symmetry::detect::DetectParams;
 use crate::symmetry::order::Order;
 use crate::symmetry::propose::ProposeParams;
@@ -99,9 +99,11 @@ pub struct OutlierParams {
     pub std_ratio: f64,
     /// Distance of the farthest of `min_neighbors` beyond which a point is stray, unless its neighbours lie in a plane
     /// [median of those that do]; `None` keeps it.
+    #[serde(deserialize_with = "limit_or_off")]
     pub scattered: Option<f64>,
     /// Distance from the plane through its neighbours beyond which a point is stray [their standard deviations about it];
     /// `None` keeps it. Counts where viewpoints are known.
+    #[serde(deserialize_with = "limit_or_off")]
     pub off_surface: Option<f64>,
     /// Drops what a camera saw through: a ray that went on to something farther met no surface.
     pub seen_through: bool,
@@ -175,6 +177,8 @@ pub struct Config {
     pub outliers: OutlierParams,
     /// Details of the normals.
     pub normals: NormalParams,
+    /// Details of smoothing.
+    pub smoothing: SmoothingParams,
     /// Details of the search for the axis.
     pub propose: ProposeParams,
     /// Details of finding the order.
@@ -202,6 +206,7 @@ impl Default for Config {
             plane: GroundParams::default(),
             outliers: OutlierParams::default(),
             normals: NormalParams::default(),
+            smoothing: SmoothingParams::default(),
             propose: ProposeParams::default(),
             detect: DetectParams::default(),
             refine: RefineParams::default(),
@@ -223,6 +228,7 @@ impl Config {
                 seen_through: false,
                 ..OutlierParams::default()
             },
+            smoothing: SmoothingParams { max_neighbors: 0, max_angle: None, ..SmoothingParams::default() },
             propose: ProposeParams { search: false, ..ProposeParams::default() },
             ..Self::default()
         }
@@ -238,7 +244,13 @@ impl Config {
             positive("voxel_size", size)?;
         }
         let OutlierParams { scattered, off_surface, .. } = self.outliers;
-        for (name, limit) in [("outliers.scattered", scattered), ("outliers.off_surface", off_surface)] {
+        let limits = [
+            ("outliers.scattered", scattered),
+            ("outliers.off_surface", off_surface),
+            ("smoothing.max_tilt", Some(self.smoothing.max_tilt)),
+            ("smoothing.max_angle", self.smoothing.max_angle),
+        ];
+        for (name, limit) in limits {
             limit.map_or(Ok(()), |limit| positive(name, limit))?;
         }
         let zero = |name, expected| Err(Error::InvalidParameter { name, value: "0".into(), expected });
@@ -268,6 +280,28 @@ impl Config {
         }
         Ok(())
     }
+}
+
+/// A limit that may be off: a number, or `"off"`, which TOML can say, or null, which it cannot.
+pub(crate) fn limit_or_off<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<Option<f64>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    enum Off {
+        Off,
+    }
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "expected a number or \"off\"")]
+    enum Limit {
+        Number(f64),
+        Off(Off),
+        Null(()),
+    }
+    Ok(match Limit::deserialize(deserializer)? {
+        Limit::Number(limit) => Some(limit),
+        Limit::Off(Off::Off) | Limit::Null(()) => None,
+    })
 }
 
 pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {

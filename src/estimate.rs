@@ -126,7 +126,11 @@ impl Estimator {
         }
         let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled?;
         let refined = Samples {
-            points: displaced(&surface.samples.points, &found),
+            points: if self.config.joint {
+                displaced(&surface.samples.points, &found)
+            } else {
+                prepared.measured.clone()
+            },
             normals: surface.samples.normals.clone(),
         };
 

@@ -8,8 +8,9 @@ use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite, OutlierParams};
 use crate::error::{Error, Result};
 use crate::preprocess::{
-    ClusterParams, Ground, GroundParams, KNeighbors, Sides, VoxelGrid, find_ground, main_cluster,
-    median_spacing, normals_from_neighbors, separate_sides, voxel_downsample,
+    ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
+    find_ground, main_cluster, mean_heights, median_spacing, normals_from_neighbors, separate_sides,
+    voxel_downsample,
 };
 use crate::spatial::KdTree;
 use crate::stages::Stages;
@@ -28,6 +29,8 @@ pub(crate) struct Prepared {
     pub world_from_local: Isometry3<f64>,
     /// The part.
     pub surface: Surface,
+    /// Its points as they were measured; those of the surface may be smoothed \[length\].
+    pub measured: Vec<Vector3<f64>>,
     /// Size of the part \[length\].
     pub diameter: f64,
     /// Edge of a voxel \[length\].
@@ -96,9 +99,12 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
-    let neighbors = KNeighbors::new(&tree, &grid.points, config.normals.k.max(config.outliers.k))?;
+    let k = enough_neighbors(&grid.points, &tree, config.normals.k, &config.smoothing);
+    stages.number("plane_neighbors", k as f64);
+    let neighbors = KNeighbors::new(&tree, &grid.points, k.max(config.outliers.k))?;
     stages.check()?;
-    let planes = normals_from_neighbors(&grid.points, &neighbors, &config.normals)?;
+    let planes =
+        normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
     stages.check()?;
     let oriented = cloud.has_viewpoints();
     let on_surface = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
@@ -133,6 +139,9 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
 
     let mut is_kept = vec![false; voxels];
     kept.iter().for_each(|&voxel| is_kept[voxel as usize] = true);
+    // Without viewpoints nothing tells the sides of a thin wall apart.
+    let heights = (config.smoothing.max_angle.filter(|_| oriented))
+        .map_or_else(Vec::new, |max_angle| mean_heights(&sides, &is_kept, &neighbors, max_angle));
     let chosen: Vec<u32> = (0_u32..)
         .zip(&sides.voxel_of)
         .filter(|(_, voxel)| is_kept[**voxel as usize])
@@ -153,7 +162,17 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     }
     let pick =
         |rows: &[[f64; 3]]| chosen.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
-    let samples = Samples { points: pick(&sides.points), normals: pick(&sides.normals) };
+    let measured = pick(&sides.points);
+    let normals = pick(&sides.normals);
+    let mut heights: Vec<f64> =
+        chosen.iter().filter_map(|&patch| heights.get(patch as usize).copied()).collect();
+    let mut samples = Samples { points: measured.clone(), normals };
+    if k > config.normals.k {
+        // Matches of single points are lost in this much noise.
+        for ((point, normal), height) in samples.points.iter_mut().zip(&samples.normals).zip(&mut heights) {
+            *point += normal * std::mem::take(height);
+        }
+    }
     let toward_sensors = oriented.then(|| {
         let directions = pick(&sides.viewpoints)
             .into_iter()
@@ -161,9 +180,12 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
             .filter_map(|(v, p)| (v - p).try_normalize(0.0));
         directions.sum::<Vector3<f64>>() / samples.points.len() as f64
     });
+    let mut surface = Surface::new(samples, oriented, voxel_size, config.propose.gate * diameter);
+    surface.heights = heights;
     Ok(Prepared {
         world_from_local: nalgebra::Translation3::from(Vector3::from(cloud.origin())) * part.frame,
-        surface: Surface::new(samples, toward_sensors.is_some(), voxel_size, config.propose.gate * diameter),
+        surface,
+        measured,
         diameter,
         voxel_size,
         inliers,

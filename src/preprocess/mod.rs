@@ -22,6 +22,7 @@ pub(crate) mod outline;
 mod plane;
 mod radius;
 mod sides;
+mod smooth;
 mod statistical;
 mod voxel;
 
@@ -36,6 +37,7 @@ pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbor
 pub use plane::{Plane, PlaneParams, segment_plane};
 pub use radius::{RadiusParams, remove_radius_outliers};
 pub use sides::{Sides, separate_sides};
+pub use smooth::{SmoothingParams, enough_neighbors, mean_heights};
 pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};
 pub use voxel::{VoxelGrid, voxel_downsample};
 

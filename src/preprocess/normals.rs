@@ -102,6 +102,15 @@ pub fn normals_from_neighbors(
     Ok(planes.into_iter().collect())
 }
 
+/// Squared tilt that noise gives to the plane through the points with these indices, about \[rad²\].
+pub(super) fn tilt_sq(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<Item = u32>) -> f64 {
+    let indices: Vec<u32> = indices.collect();
+    let variation = local_plane(points, center, indices.iter().copied()).surface_variation;
+    // Variance of a slope: the scatter about the plane against that within it, of which there are two directions.
+    let slope_sq = 2.0 * variation / (1.0 - variation);
+    slope_sq / f64::max(indices.len() as f64 - 3.0, 1.0)
+}
+
 /// Checks the settings; the square of the largest distance.
 fn check(params: &NormalParams) -> Result<f64> {
     if params.k < 3 {

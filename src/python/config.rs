@@ -23,10 +23,28 @@ pub(super) fn check_config(py: Python<'_>, config: &str) -> PyResult<String> {
     json::to_text(py, &parse(py, config)?)
 }
 
-/// The TOML of settings given as JSON; settings without a value are left out.
+/// The TOML of settings given as JSON. Settings without a value are left out; those that have one by default are off.
 #[pyfunction]
 pub(super) fn config_to_toml(py: Python<'_>, config: &str) -> PyResult<String> {
-    toml::to_string(&parse(py, config)?).map_err(|error| errors::invalid_input(py, error.to_string()))
+    let text = |config: &Config| -> Result<String, Box<dyn std::error::Error>> {
+        let mut table = toml::Table::try_from(config)?;
+        switch_off(&mut table, &toml::Table::try_from(Config::default())?);
+        Ok(toml::to_string(&table)?)
+    };
+    text(&parse(py, config)?).map_err(|error| errors::invalid_input(py, error.to_string()))
+}
+
+/// Names the settings that `defaults` has and the table lacks: TOML knows no null.
+fn switch_off(table: &mut toml::Table, defaults: &toml::Table) {
+    for (name, default) in defaults {
+        match (table.get_mut(name), default) {
+            (Some(toml::Value::Table(group)), toml::Value::Table(defaults)) => switch_off(group, defaults),
+            (Some(_), _) => {}
+            (None, _) => {
+                table.insert(name.clone(), "off".into());
+            }
+        }
+    }
 }
 
 /// A checked configuration from JSON.

@@ -23,7 +23,7 @@ pub struct ProposeParams {
     pub search: bool,
     /// Starting directions, spread over the half sphere \[count\].
     pub directions: usize,
-    /// Points on which the axes of each round are aligned and scored \[count\].
+    /// Points on which the axes of each round are aligned and scored \[count\]; twice as many where there is one turn.
     pub samples: [usize; 3],
     /// Distinct axes that survive each round \[count\].
     pub kept: [usize; 3],
@@ -147,11 +147,13 @@ pub fn propose(
 
     let finest = 3.0 * surface.spacing;
     let gate = |halvings: i32| (params.gate * diameter * 0.5f64.powi(halvings)).max(finest);
+    // A single turn leaves a point one match to be judged by: twice the points make up for it.
+    let more = if turns.len() == 1 { 2 } else { 1 };
     let mut proposals = Vec::new();
     for (round, (&samples, &kept)) in params.samples.iter().zip(&params.kept).enumerate() {
         let last = round + 1 == params.samples.len();
         let gates = [gate(round as i32), if last { finest } else { gate(round as i32 + 1) }];
-        let samples = surface.samples.strided(samples);
+        let samples = surface.samples.strided(samples * more);
         let tried = trial(surface, &samples, turns, gates, visibility, &starts, control)?;
         let scale = 0.5f64.powi(round as i32);
         let offset = params.distinct_offset * scale * diameter;

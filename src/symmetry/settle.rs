@@ -75,7 +75,8 @@ impl Rest<'_> {
                     self.meet(surface, i, turn, &directions).map(|found| Match { weight: *weight, ..found })
                 });
                 matches.extend(found);
-                *offset = directions * self.solve(&matches);
+                let smoothed = surface.smoothed(i);
+                *offset = smoothed - surface.samples.points[i] + directions * self.solve(&matches);
             }
         });
         offsets
@@ -90,10 +91,10 @@ impl Rest<'_> {
         turn: &Turn,
         directions: &SMatrix<f64, 3, D>,
     ) -> Option<Match<D>> {
-        let point = turn.apply(&surface.samples.points[i]);
+        let point = turn.apply(&surface.smoothed(i));
         let normal = turn.rotation * surface.samples.normals[i];
         let j = surface.matching(&point, &normal, self.gate)? as usize;
-        let difference = point - surface.samples.points[j];
+        let difference = point - surface.smoothed(j);
         let found = self.residual.rows(&normal, &surface.samples.normals[j]);
         let turned = turn.rotation * directions;
         let mut rows = [(SVector::zeros(), 0.0); 3];

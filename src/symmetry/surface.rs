@@ -75,6 +75,9 @@ pub struct Surface {
     pub centroid: Vector3<f64>,
     /// Root mean square distance of the points from it \[length\].
     pub radius: f64,
+    /// Mean height of the surface around each point over that point, along its normal \[length\]; empty where it is not
+    /// known, so that every point stands for itself.
+    pub heights: Vec<f64>,
     /// The first one stands for no point and is infinitely far.
     packed: Vec<Packed>,
     /// Tables from fine to coarse, each with the largest gate that it serves \[length\].
@@ -107,7 +110,16 @@ impl Surface {
         let centroid = samples.points.iter().sum::<Vector3<f64>>() / count;
         let spread: f64 = samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
         let radius = (spread / count).sqrt();
-        Self { samples, oriented, spacing, centroid, radius, packed, fields: [fine, middle, coarse] }
+        Self {
+            samples,
+            oriented,
+            spacing,
+            centroid,
+            radius,
+            heights: Vec::new(),
+            packed,
+            fields: [fine, middle, coarse],
+        }
     }
 
     /// Number of points.
@@ -128,6 +140,14 @@ impl Surface {
     pub fn height_over(&self, index: u32, point: &Vector3<f64>) -> f64 {
         let Samples { points, normals } = &self.samples;
         normals[index as usize].dot(&(point - points[index as usize]))
+    }
+
+    /// Place of the measured point `index` on the mean surface around it \[length\].
+    #[must_use]
+    #[inline]
+    pub fn smoothed(&self, index: usize) -> Vector3<f64> {
+        let Samples { points, normals } = &self.samples;
+        self.heights.get(index).map_or(points[index], |height| points[index] + normals[index] * *height)
     }
 
     /// The nearest measured point within the gate whose normal agrees with `normal`; `None` where there is none.

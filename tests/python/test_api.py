@@ -214,9 +214,13 @@ def test_files_that_cannot_be_used(estimate: Estimate, tmp_path: Path) -> None:
         estimate.save(tmp_path)
 
 
-def test_the_paper_has_settings_of_its_own() -> None:
+def test_the_paper_has_settings_of_its_own(tmp_path: Path) -> None:
     paper = Config.paper()
     assert (paper.residual, paper.yaw) == ("point_to_point", "histogram")
+    # What the paper lacks is off, and stays off in a file.
+    assert (paper.outliers.scattered, paper.smoothing.max_angle) == (None, None)
+    (tmp_path / "paper.toml").write_text(paper.to_toml())
+    assert Config.from_toml(tmp_path / "paper.toml") == paper
 
 
 def test_no_symmetry_error_carries_its_evidence() -> None:
