@@ -10,7 +10,7 @@ use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
-use crate::remarks::{UNSEEN, ambiguity, lost_returns, order_warning, unseen_sector};
+use crate::remarks::{UNSEEN, ambiguity, lost_returns, order_warning, side_view, unseen_sector};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -277,7 +277,11 @@ impl Estimator {
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
             let mut warnings = Vec::new();
             warnings.extend(order_warning(declared, &detection));
-            let ambiguity = ambiguity(candidate, candidates);
+            let one_view =
+                declared == Order::Auto && prepared.visibility.as_ref().is_some_and(|v| v.views() == 1);
+            let aside = (prepared.toward_sensors.filter(|_| one_view))
+                .and_then(|toward_sensor| side_view(&refined.axis, &toward_sensor));
+            let ambiguity = aside.or_else(|| ambiguity(candidate, candidates, one_view));
             let ambiguous = ambiguity.is_some();
             warnings.extend(ambiguity);
             if declared == Order::Auto {

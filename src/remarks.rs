@@ -1,5 +1,8 @@
 //! What the caller should know about an answer: the warnings of an estimate.
 
+use nalgebra::Vector3;
+
+use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
 use crate::symmetry::search::{Found, group_size};
@@ -44,16 +47,33 @@ pub(crate) fn unseen_sector(width: f64) -> String {
     )
 }
 
+/// Says so when an order was found that only one view speaks for, and that one from the side: the faces of the part, and
+/// all that lies behind, are out of sight. `toward_sensor` is any vector to it.
+pub(crate) fn side_view(axis: &Axis, toward_sensor: &Vector3<f64>) -> Option<String> {
+    /// Cosine between the axis and the view.
+    const ASIDE: f64 = 0.3;
+    let cosine = axis.direction.dot(&toward_sensor.try_normalize(0.0)?).abs();
+    (cosine < ASIDE).then(|| {
+        "ambiguous: the only view is from the side and shows too little to tell the order: declare it, or add a view"
+            .to_owned()
+    })
+}
+
 /// Says so when another axis came out of the search that explains the data about as well, as for a cube.
-pub(crate) fn ambiguity(chosen: &Found, candidates: &[Found]) -> Option<String> {
+///
+/// Of a part seen by `one_view` only, a larger group hides more of itself, and matches less for that.
+pub(crate) fn ambiguity(chosen: &Found, candidates: &[Found], one_view: bool) -> Option<String> {
     /// Share of the score of the chosen axis.
     const AS_WELL: f64 = 0.95;
+    /// The same for the axis of a larger group seen by one view.
+    const HIDING: f64 = 0.6;
     /// Angle between axes that are not the same \[rad\].
     const APART: f64 = 0.17;
     let (axis, score) = (&chosen.proposal.axis, chosen.proposal.score.value());
     let size = |found: &Found| found.order.map_or(0, group_size);
     let other = candidates.iter().find(|other| {
-        other.proposal.score.value() >= AS_WELL * score
+        let least = if one_view && size(other) > size(chosen) { HIDING } else { AS_WELL };
+        other.proposal.score.value() >= least * score
             && size(other) >= size(chosen)
             && other.proposal.axis.angle_to(axis) > APART
     })?;

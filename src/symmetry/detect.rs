@@ -61,7 +61,7 @@ impl Default for DetectParams {
             worst_tolerance: 0.5,
             support: 0.2,
             refused: 0.09,
-            explained: 0.96,
+            explained: 0.97,
             explained_seamed: 0.985,
             unseen_refused: 0.35,
             unseen_contrast: 0.3,

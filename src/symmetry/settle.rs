@@ -1,5 +1,5 @@
 //! The points' part of the joint optimisation: each point comes to rest between its own measurement and the points that
-//! its rotated copies meet, the axis being known.
+//! its rotated copies meet, the axis being known. All of them stand for the mean surface around them where it is known.
 //!
 //! Along the axis of the whole problem nothing couples the points, so each is solved where its matches are found.
 
@@ -28,7 +28,7 @@ pub struct Rest<'a> {
     pub loss: Huber,
     /// Weight of a point's own measurement against one match.
     pub anchor: f64,
-    /// Largest displacement of a point \[length\].
+    /// Largest distance of a point from the mean surface about its own measurement \[length\].
     pub max_offset: f64,
     /// Steps of iteratively reweighted least squares.
     pub steps: u64,

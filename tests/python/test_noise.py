@@ -1,0 +1,40 @@
+"""What noise does to the points, and what is done about it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sympose
+from sympose.datasets import part, scan
+from sympose.evaluation.surface import point_errors
+
+
+@pytest.mark.parametrize(("sigma", "share"), [(0.001, 0.4), (0.003, 0.65)])
+def test_refined_points_are_nearer_to_the_surface(sigma: float, share: float) -> None:
+    wheel = part("wheel_hub_5")
+    scanned = scan(wheel, "sphere", views=5, seed=1, sigma=sigma)
+    smooth = point_errors(wheel, scanned, sympose.estimate(scanned.scene, order=5))
+    config = sympose.Config(smoothing={"max_angle": None})
+    rough = point_errors(wheel, scanned, sympose.estimate(scanned.scene, order=5, config=config))
+    assert smooth is not None and rough is not None
+    assert smooth.refined < share * smooth.raw
+    assert rough.refined > share * rough.raw
+
+
+def test_points_stay_where_they_were_measured_without_joint_optimisation() -> None:
+    scanned = scan(part("sprocket_6"), "sphere", views=3, seed=1, sigma=0.005)
+    found = sympose.estimate(scanned.scene, order=6, config=sympose.Config(joint=False))
+    assert found.diagnostics["plane_neighbors"] > 20
+    count = np.bincount(found.point_of_inlier, minlength=len(found.points))
+    measured = scanned.scene.points[found.inliers]
+    sums = [np.bincount(found.point_of_inlier, measured[:, k], len(found.points)) for k in range(3)]
+    np.testing.assert_allclose(found.points, np.stack(sums, axis=1) / count[:, None], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_order_is_found_in_five_times_the_noise(seed: int) -> None:
+    scanned = scan(part("impeller_7"), "sphere", views=5, seed=seed, sigma=0.005)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == 7
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.3))
