@@ -99,14 +99,19 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
-    let k = enough_neighbors(&grid.points, &tree, config.normals.k, &config.smoothing);
+    let oriented = cloud.has_viewpoints();
+    // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
+    let k = if oriented {
+        enough_neighbors(&grid.points, &tree, config.normals.k, &config.smoothing)
+    } else {
+        config.normals.k
+    };
     stages.number("plane_neighbors", k as f64);
     let neighbors = KNeighbors::new(&tree, &grid.points, k.max(config.outliers.k))?;
     stages.check()?;
     let planes =
         normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
     stages.check()?;
-    let oriented = cloud.has_viewpoints();
     let on_surface = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
     let visibility = part.sight(region.as_deref().unwrap_or(&part.rows), &grid, &on_surface);
     stages.check()?;

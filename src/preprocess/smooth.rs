@@ -8,7 +8,7 @@ use super::normals::tilt_sq;
 use super::{CHUNK, KNeighbors, Sides};
 use crate::spatial::{KdTree, Neighbor};
 
-/// How noise is told from shape.
+/// How noise is told from shape, where viewpoints are known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SmoothingParams {
@@ -17,7 +17,7 @@ pub struct SmoothingParams {
     /// Tilt of a typical local plane by noise that calls for more neighbours \[rad\].
     pub max_tilt: f64,
     /// A measured point stands for the mean surface of those of its neighbours whose normals differ from its own by less
-    /// than this angle \[rad\]; `None`: for itself. Counts where viewpoints are known.
+    /// than this angle \[rad\]; `None`: for itself.
     #[serde(deserialize_with = "crate::config::limit_or_off")]
     pub max_angle: Option<f64>,
 }
