@@ -10,7 +10,7 @@ use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
-use crate::remarks::{UNSEEN, ambiguity, lost_returns, order_warning, side_view, unseen_sector};
+use crate::remarks::{Remarks, remarks};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -275,20 +275,8 @@ impl Estimator {
             let gate = self.final_gate(surface);
             let sight = prepared.sight(&refined.axis);
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
-            let mut warnings = Vec::new();
-            warnings.extend(order_warning(declared, &detection));
-            let one_view =
-                declared == Order::Auto && prepared.visibility.as_ref().is_some_and(|v| v.views() == 1);
-            let aside = (prepared.toward_sensors.filter(|_| one_view))
-                .and_then(|toward_sensor| side_view(&refined.axis, &toward_sensor));
-            let ambiguity = aside.or_else(|| ambiguity(candidate, candidates, one_view));
-            let ambiguous = ambiguity.is_some();
-            warnings.extend(ambiguity);
-            if declared == Order::Auto {
-                warnings.extend((!surface.oriented).then(|| UNSEEN.to_owned()));
-                warnings.extend(prepared.visibility.as_ref().and_then(|v| lost_returns(v.dropout)));
-                warnings.extend(sight.unseen().map(unseen_sector));
-            }
+            let Remarks { warnings, ambiguous } =
+                remarks(declared, candidate, candidates, &refined.axis, &detection, prepared);
             let trust = score.trust(surface.oriented);
             if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
                 best = Some(Settled { refined, order, score, detection, ambiguous, warnings });

@@ -168,15 +168,13 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let pick =
         |rows: &[[f64; 3]]| chosen.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
     let measured = pick(&sides.points);
-    let normals = pick(&sides.normals);
+    let mut samples = Samples { points: measured.clone(), normals: pick(&sides.normals) };
     let mut heights: Vec<f64> =
         chosen.iter().filter_map(|&patch| heights.get(patch as usize).copied()).collect();
-    let mut samples = Samples { points: measured.clone(), normals };
     if k > config.normals.k {
         // Matches of single points are lost in this much noise.
-        for ((point, normal), height) in samples.points.iter_mut().zip(&samples.normals).zip(&mut heights) {
-            *point += normal * std::mem::take(height);
-        }
+        let Samples { points, normals } = &mut samples;
+        points.iter_mut().zip(normals).zip(heights.drain(..)).for_each(|((p, n), height)| *p += *n * height);
     }
     let toward_sensors = oriented.then(|| {
         let directions = pick(&sides.viewpoints)

@@ -2,16 +2,49 @@
 
 use nalgebra::Vector3;
 
+use crate::prepare::Prepared;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
 use crate::symmetry::search::{Found, group_size};
 
+/// What is remarked on an answer.
+pub(crate) struct Remarks {
+    pub warnings: Vec<String>,
+    /// Another answer may be the right one: this one deserves less trust.
+    pub ambiguous: bool,
+}
+
+/// All that the caller should know about `axis`, refined from the one `chosen` of the `candidates`, and about the order
+/// found there.
+pub(crate) fn remarks(
+    declared: Order,
+    chosen: &Found,
+    candidates: &[Found],
+    axis: &Axis,
+    detection: &Detection,
+    prepared: &Prepared,
+) -> Remarks {
+    let visibility = prepared.visibility.as_ref();
+    let found = declared == Order::Auto;
+    let one_view = found && visibility.is_some_and(|v| v.views() == 1);
+    let aside = prepared.toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
+    let ambiguity = aside.or_else(|| ambiguity(chosen, candidates, one_view));
+    let ambiguous = ambiguity.is_some();
+    let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
+    if found {
+        warnings.extend((!prepared.surface.oriented).then(|| UNSEEN.to_owned()));
+        warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
+        warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
+    }
+    Remarks { warnings, ambiguous }
+}
+
 /// Remark on an order that was found without knowing what was seen from where.
-pub(crate) const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
+const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
 
 /// What the caller should know when the data says something else than the declared order.
-pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
+fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
     match (declared, detection.order) {
         (Order::Auto, _) => None,
         (declared, Some(found)) if declared == found => None,
@@ -27,7 +60,7 @@ pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<St
 }
 
 /// Says so when the sensor loses so much that gaps in the part are hard to tell from gaps in the scan.
-pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
+fn lost_returns(dropout: f64) -> Option<String> {
     /// Returns lost for each that comes.
     const MANY: f64 = 0.05;
     (dropout > MANY).then(|| {
@@ -40,7 +73,7 @@ pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
 }
 
 /// Says so when an order holds although a sector about the axis shows nothing of it.
-pub(crate) fn unseen_sector(width: f64) -> String {
+fn unseen_sector(width: f64) -> String {
     format!(
         "nothing was measured in a sector of {:.0} degrees about the axis: it is taken for unseen, not for empty",
         width.to_degrees()
@@ -49,7 +82,7 @@ pub(crate) fn unseen_sector(width: f64) -> String {
 
 /// Says so when an order was found that only one view speaks for, and that one from the side: the faces of the part, and
 /// all that lies behind, are out of sight. `toward_sensor` is any vector to it.
-pub(crate) fn side_view(axis: &Axis, toward_sensor: &Vector3<f64>) -> Option<String> {
+fn side_view(axis: &Axis, toward_sensor: &Vector3<f64>) -> Option<String> {
     /// Cosine between the axis and the view.
     const ASIDE: f64 = 0.3;
     let cosine = axis.direction.dot(&toward_sensor.try_normalize(0.0)?).abs();
@@ -62,7 +95,7 @@ pub(crate) fn side_view(axis: &Axis, toward_sensor: &Vector3<f64>) -> Option<Str
 /// Says so when another axis came out of the search that explains the data about as well, as for a cube.
 ///
 /// Of a part seen by `one_view` only, a larger group hides more of itself, and matches less for that.
-pub(crate) fn ambiguity(chosen: &Found, candidates: &[Found], one_view: bool) -> Option<String> {
+fn ambiguity(chosen: &Found, candidates: &[Found], one_view: bool) -> Option<String> {
     /// Share of the score of the chosen axis.
     const AS_WELL: f64 = 0.95;
     /// The same for the axis of a larger group seen by one view.
