@@ -228,7 +228,12 @@ impl Config {
                 seen_through: false,
                 ..OutlierParams::default()
             },
-            smoothing: SmoothingParams { max_neighbors: 0, max_angle: None, ..SmoothingParams::default() },
+            smoothing: SmoothingParams {
+                join_layers: false,
+                max_neighbors: 0,
+                max_angle: None,
+                ..SmoothingParams::default()
+            },
             propose: ProposeParams { search: false, ..ProposeParams::default() },
             ..Self::default()
         }

@@ -291,7 +291,8 @@ impl Estimator {
 
     fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
         let surface = &prepared.surface;
-        let [distance, off_plane] = DETECTION_GATE.map(|spacings| spacings * surface.spacing);
+        let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
+        let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
         let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
         let mut params = self.config.detect.clone();
         if self.config.order != Order::Auto {
@@ -354,7 +355,10 @@ const COARSE: usize = 4000;
 
 /// Distance of a match when the order is found, and its distance off the plane: it is beside a point that the gaps between
 /// the points count [point spacings].
-const DETECTION_GATE: [f64; 2] = [2.5, 1.5];
+const DETECTION_GATE: [f64; 2] = [1.9, 1.1];
+
+/// The same where no viewpoint is known and the points of a surface lie in several layers.
+const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
 
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::preprocess::{
     ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
     find_ground, main_cluster, mean_heights, median_spacing, normals_from_neighbors, separate_sides,
-    voxel_downsample,
+    voxel_downsample, voxel_layers,
 };
 use crate::spatial::KdTree;
 use crate::stages::Stages;
@@ -84,35 +84,41 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
 
     stages.begin("downsample")?;
     let diameter = width(&part.points);
+    let oriented = cloud.has_viewpoints();
+    let layered = oriented && config.smoothing.join_layers;
     let voxel_size = match config.voxel_size {
         Some(size) => size,
-        None => {
-            // The limits by which an order is judged hold for the coarser voxels.
-            let fine = !cloud.has_viewpoints() && config.order != Order::Auto;
-            default_voxel(&part.points, diameter, if fine { FINE } else { COARSE })?
+        // The limits by which an order is judged hold for the coarser voxels.
+        None if cloud.has_viewpoints() || config.order == Order::Auto => {
+            default_voxel(&part.points, diameter, if layered { LAYERED } else { COARSE })?
         }
+        None => default_voxel(&part.points, diameter, FINE)?,
     };
-    let grid = voxel_downsample(&part.points, voxel_size)?;
+    let downsample = if layered { voxel_layers } else { voxel_downsample };
+    let grid = downsample(&part.points, voxel_size)?;
     stages.number("voxel_size", voxel_size);
     stages.number("voxel_points", grid.points.len() as f64);
     enough("downsample", grid.points.len())?;
 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
-    let oriented = cloud.has_viewpoints();
     // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
-    let k = if oriented {
-        enough_neighbors(&grid.points, &tree, config.normals.k, &config.smoothing)
-    } else {
-        config.normals.k
-    };
+    let least = if layered { config.smoothing.min_neighbors } else { config.normals.k };
+    let k = if oriented { enough_neighbors(&grid.points, &tree, least, &config.smoothing) } else { least };
     stages.number("plane_neighbors", k as f64);
-    let neighbors = KNeighbors::new(&tree, &grid.points, k.max(config.outliers.k))?;
+    let closer = if layered { ONE_LAYER } else { 1.0 };
+    let outliers = OutlierParams {
+        k: config.outliers.k.min(k),
+        radius: closer * config.outliers.radius,
+        scattered: config.outliers.scattered.map(|limit| closer * limit),
+        ..config.outliers.clone()
+    };
+    let neighbors = KNeighbors::new(&tree, &grid.points, k.max(outliers.k))?;
     stages.check()?;
     let planes =
         normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
     stages.check()?;
-    let on_surface = on_surfaces(&neighbors, &planes, oriented, voxel_size, &config.outliers)?;
+    let on_surface = on_surfaces(&neighbors, &planes, oriented, voxel_size, &outliers)?;
     let visibility = part.sight(region.as_deref().unwrap_or(&part.rows), &grid, &on_surface);
     stages.check()?;
     let kept = of_part(&grid.points, on_surface, visibility.as_ref(), voxel_size, diameter, config)?;
@@ -171,7 +177,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let mut samples = Samples { points: measured.clone(), normals: pick(&sides.normals) };
     let mut heights: Vec<f64> =
         chosen.iter().filter_map(|&patch| heights.get(patch as usize).copied()).collect();
-    if k > config.normals.k {
+    if k > least {
         // Matches of single points are lost in this much noise.
         let Samples { points, normals } = &mut samples;
         points.iter_mut().zip(normals).zip(heights.drain(..)).for_each(|((p, n), height)| *p += *n * height);
@@ -372,22 +378,46 @@ fn width(points: &[[f64; 3]]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Voxels across the diameter.
-const COARSE: f64 = 200.0;
+/// What limits on the distance to neighbours are multiplied by where the layers of a surface are joined: its points are as
+/// far from each other as voxels are, but strays in space are as far as ever.
+const ONE_LAYER: f64 = 0.75;
+
+/// Voxels across the diameter, and the fewest of a surface; where there are fewer, up to half the size is taken.
+#[derive(Clone, Copy)]
+struct Resolution {
+    per_diameter: f64,
+    least: f64,
+}
+
+/// Where the layers of a surface are joined.
+const LAYERED: Resolution = Resolution { per_diameter: 150.0, least: 20_000.0 };
+
+/// Where they are not.
+const COARSE: Resolution = Resolution { per_diameter: 200.0, least: 0.0 };
 
 /// The same where both sides of a blade thinner than a voxel would fall into one mean, since without viewpoints nothing
 /// tells them apart.
-const FINE: f64 = 280.0;
+const FINE: Resolution = Resolution { per_diameter: 280.0, least: 0.0 };
 
 /// A voxel's share of the diameter, or the spacing of the points where they are sparser.
-fn default_voxel(points: &[[f64; 3]], diameter: f64, per_diameter: f64) -> Result<f64> {
+fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> Result<f64> {
+    /// The size is not reduced further than to this share.
+    const FINEST: f64 = 0.5;
     /// A spacing that is known from this many points is known well enough.
     const LOOKED_AT: usize = 200_000;
     let step = points.len().div_ceil(LOOKED_AT);
     let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
     let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
-    let size = (diameter / per_diameter).max(1.2 * spacing);
-    if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
+    let Resolution { per_diameter, least } = resolution;
+    let mut size = (diameter / per_diameter).max(1.2 * spacing);
+    if size <= 0.0 {
+        return Err(Error::Degenerate { shape: "identical" });
+    }
+    if least > 0.0 {
+        let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
+        size *= (voxels / least).sqrt().clamp(FINEST, 1.0);
+    }
+    Ok(size.max(1.2 * spacing))
 }
 
 /// Normals given by the caller win over estimated ones where there are any; those of a patch are made to agree first.

@@ -16,6 +16,7 @@ mod cluster;
 mod eigen;
 mod grid;
 mod ground;
+mod layers;
 mod neighbors;
 mod normals;
 pub(crate) mod outline;
@@ -32,6 +33,7 @@ use crate::error::{Error, Result};
 
 pub use cluster::{ClusterParams, Clusters, main_cluster};
 pub use ground::{Ground, GroundParams, find_ground};
+pub use layers::voxel_layers;
 pub use neighbors::{KNeighbors, median_spacing};
 pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbors, orient_normals};
 pub use plane::{Plane, PlaneParams, segment_plane};

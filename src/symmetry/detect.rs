@@ -293,6 +293,8 @@ pub fn detect_order(
         generic: 0.0,
     };
     if share < params.continuous {
+        // Without any evidence no share of it is explained.
+        detection.order = detection.order.filter(|_| detection.explained >= params.explained);
         return detection;
     }
     if !sight.is_known() && twisted(axis, &survey) < params.twisted {
