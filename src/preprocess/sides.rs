@@ -56,26 +56,38 @@ impl Sum {
 #[must_use]
 pub fn separate_sides(
     points: &[[f64; 3]],
-    viewpoint_of: impl Fn(usize) -> [f64; 3],
+    viewpoint_of: impl Fn(usize) -> [f64; 3] + Sync,
     grid: &VoxelGrid,
     normals: &[[f64; 3]],
     neighbors: &KNeighbors,
 ) -> Sides {
-    let mut sums = vec![[Sum::default(); 2]; grid.points.len()];
-    let mut from_behind = Vec::with_capacity(points.len());
-    for (i, (point, &voxel)) in points.iter().zip(&grid.inverse).enumerate() {
-        let (position, viewpoint) = (Vector3::from(*point), Vector3::from(viewpoint_of(i)));
+    let look = |i: usize| {
+        let (position, viewpoint) = (Vector3::from(points[i]), Vector3::from(viewpoint_of(i)));
         let toward = (viewpoint - position).try_normalize(0.0).unwrap_or_default();
-        let cosine = toward.dot(&Vector3::from(normals[voxel as usize]));
-        let behind = cosine < 0.0;
-        sums[voxel as usize][usize::from(behind)].add(&Sum {
-            position,
-            viewpoint,
-            cosine: cosine.abs(),
-            count: 1.0,
-        });
-        from_behind.push(behind);
-    }
+        (position, viewpoint, toward.dot(&Vector3::from(normals[grid.inverse[i] as usize])))
+    };
+    // Each task owns a range of voxels and passes over all points, so that every sum is in their order.
+    let voxels = grid.points.len();
+    let share = voxels.div_ceil(rayon::current_num_threads().clamp(1, 8)).max(1);
+    let ranges: Vec<Vec<[Sum; 2]>> = (0..voxels.div_ceil(share))
+        .into_par_iter()
+        .map(|task| {
+            let first = task * share;
+            let mut sums = vec![[Sum::default(); 2]; share.min(voxels - first)];
+            for (i, &voxel) in grid.inverse.iter().enumerate() {
+                let Some(sum) = sums.get_mut((voxel as usize).wrapping_sub(first)) else { continue };
+                let (position, viewpoint, cosine) = look(i);
+                sum[usize::from(cosine < 0.0)].add(&Sum {
+                    position,
+                    viewpoint,
+                    cosine: cosine.abs(),
+                    count: 1.0,
+                });
+            }
+            sums
+        })
+        .collect();
+    let mut sums = ranges.concat();
     let mut sides = Sides::default();
     let mut patch_of_face = vec![[u32::MAX; 2]; sums.len()];
     for (voxel, [front, back]) in sums.iter_mut().enumerate() {
@@ -96,8 +108,11 @@ pub fn separate_sides(
             sides.push(voxel, sum, if face == 0 { normals[voxel] } else { normals[voxel].map(|x| -x) });
         }
     }
-    let patch = |(&behind, &voxel): (&bool, &u32)| patch_of_face[voxel as usize][usize::from(behind)];
-    sides.patch_of_point = from_behind.iter().zip(&grid.inverse).map(patch).collect();
+    let patch = |(i, &voxel): (usize, &u32)| {
+        let [front, back] = patch_of_face[voxel as usize];
+        if front == back || look(i).2 >= 0.0 { front } else { back }
+    };
+    sides.patch_of_point = grid.inverse.par_iter().enumerate().with_min_len(CHUNK).map(patch).collect();
     if sides.divided > 0 {
         sides.normals = sides.own_normals(&patch_of_face, neighbors);
     }

@@ -1,6 +1,7 @@
 //! The measured surface that a symmetry is matched against: points, normals and a tree, all in one frame.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::symmetry::field::NearestField;
 
@@ -81,7 +82,7 @@ pub struct Surface {
     /// The first one stands for no point and is infinitely far.
     packed: Vec<Packed>,
     /// Tables from fine to coarse, each with the largest gate that it serves \[length\].
-    fields: [(f64, NearestField); 3],
+    fields: Vec<(f64, NearestField)>,
 }
 
 impl Surface {
@@ -91,13 +92,14 @@ impl Surface {
     /// be asked for \[length\].
     #[must_use]
     pub fn new(samples: Samples, oriented: bool, spacing: f64, widest_gate: f64) -> Self {
-        let gates = [3.0 * spacing, 12.0 * spacing, widest_gate.max(12.0 * spacing)];
+        let [near, far] = [3.0 * spacing, 12.0 * spacing];
         // Each table is about as coarse as its gate is wide: what is far need not be known to a hair.
-        let table = |gate: f64, cell: f64| (gate, NearestField::new(&samples.points, cell, gate));
-        let (fine, (middle, coarse)) = rayon::join(
-            || table(gates[0], spacing),
-            || (table(gates[1], 3.0 * spacing), table(gates[2], 0.25 * gates[2])),
-        );
+        let mut tables = vec![(near, spacing), (far, 3.0 * spacing)];
+        if widest_gate > far {
+            tables.push((widest_gate, 0.25 * widest_gate));
+        }
+        let table = |(gate, cell): (f64, f64)| (gate, NearestField::new(&samples.points, cell, gate));
+        let fields = tables.into_par_iter().with_max_len(1).map(table).collect();
         let pack = |(p, n): (&Vector3<f64>, &Vector3<f64>)| Packed {
             point: p.map(|x| x as f32).into(),
             normal: n.map(|x| x as f32).into(),
@@ -110,16 +112,7 @@ impl Surface {
         let centroid = samples.points.iter().sum::<Vector3<f64>>() / count;
         let spread: f64 = samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
         let radius = (spread / count).sqrt();
-        Self {
-            samples,
-            oriented,
-            spacing,
-            centroid,
-            radius,
-            heights: Vec::new(),
-            packed,
-            fields: [fine, middle, coarse],
-        }
+        Self { samples, oriented, spacing, centroid, radius, heights: Vec::new(), packed, fields }
     }
 
     /// Number of points.
@@ -156,9 +149,8 @@ impl Surface {
     #[must_use]
     #[inline]
     pub fn matching(&self, point: &Vector3<f64>, normal: &Vector3<f64>, gate: Gate) -> Option<u32> {
-        let [fine, middle, coarse] = &self.fields;
         let (_, field) =
-            [fine, middle].into_iter().find(|(reach, _)| gate.distance <= *reach).unwrap_or(coarse);
+            self.fields.iter().find(|(reach, _)| gate.distance <= *reach).or(self.fields.last())?;
         let query: [f32; 3] = point.map(|x| x as f32).into();
         let normal: [f32; 3] = normal.map(|x| x as f32).into();
         // Neighbouring cells mostly know the same point; looking at it again costs less than finding that out. Distance and
