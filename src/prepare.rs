@@ -390,7 +390,7 @@ struct Resolution {
 }
 
 /// Where the layers of a surface are joined.
-const LAYERED: Resolution = Resolution { per_diameter: 150.0, least: 20_000.0 };
+const LAYERED: Resolution = Resolution { per_diameter: 165.0, least: 20_000.0 };
 
 /// Where they are not.
 const COARSE: Resolution = Resolution { per_diameter: 200.0, least: 0.0 };
