@@ -103,16 +103,13 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
     // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
-    let least = if layered { config.smoothing.min_neighbors } else { config.normals.k };
+    let (least, outliers) = if layered {
+        (in_one_layer(config.normals.k), outliers_in_one_layer(&config.outliers))
+    } else {
+        (config.normals.k, config.outliers.clone())
+    };
     let k = if oriented { enough_neighbors(&grid.points, &tree, least, &config.smoothing) } else { least };
     stages.number("plane_neighbors", k as f64);
-    let closer = if layered { ONE_LAYER } else { 1.0 };
-    let outliers = OutlierParams {
-        k: config.outliers.k.min(k),
-        radius: closer * config.outliers.radius,
-        scattered: config.outliers.scattered.map(|limit| closer * limit),
-        ..config.outliers.clone()
-    };
     let neighbors = KNeighbors::new(&tree, &grid.points, k.max(outliers.k))?;
     stages.check()?;
     let planes =
@@ -378,9 +375,22 @@ fn width(points: &[[f64; 3]]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// What limits on the distance to neighbours are multiplied by where the layers of a surface are joined: its points are as
-/// far from each other as voxels are, but strays in space are as far as ever.
-const ONE_LAYER: f64 = 0.75;
+/// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.
+fn in_one_layer(k: usize) -> usize {
+    (3 * k / 5).max(k.min(3))
+}
+
+/// Limits that tell as much where the layers of a surface are joined as `params` do otherwise.
+fn outliers_in_one_layer(params: &OutlierParams) -> OutlierParams {
+    /// Its points are as far from each other as voxels are, but strays in space are as far as ever.
+    const CLOSER: f64 = 0.75;
+    OutlierParams {
+        k: in_one_layer(params.k).max(params.min_neighbors + 1),
+        radius: CLOSER * params.radius,
+        scattered: params.scattered.map(|limit| CLOSER * limit),
+        ..params.clone()
+    }
+}
 
 /// Voxels across the diameter, and the fewest of a surface; where there are fewer, up to half the size is taken.
 #[derive(Clone, Copy)]

@@ -14,9 +14,7 @@ use crate::spatial::{KdTree, Neighbor};
 pub struct SmoothingParams {
     /// Joins the voxels that hold one surface in several layers.
     pub join_layers: bool,
-    /// Neighbours of a local plane where noise is small and layers are joined \[count\]; otherwise those of the normals do.
-    pub min_neighbors: usize,
-    /// Neighbours of a local plane where noise is large, at most \[count\].
+    /// Neighbours of a local plane where noise is large, at most \[count\]; where it is small, those of the normals do.
     pub max_neighbors: usize,
     /// Tilt of a typical local plane by noise that calls for more neighbours \[rad\].
     pub max_tilt: f64,
@@ -28,13 +26,7 @@ pub struct SmoothingParams {
 
 impl Default for SmoothingParams {
     fn default() -> Self {
-        Self {
-            join_layers: true,
-            min_neighbors: 12,
-            max_neighbors: 90,
-            max_tilt: 0.08,
-            max_angle: Some(0.15),
-        }
+        Self { join_layers: true, max_neighbors: 90, max_tilt: 0.08, max_angle: Some(0.15) }
     }
 }
 
