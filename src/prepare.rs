@@ -89,7 +89,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let voxel_size = match config.voxel_size {
         Some(size) => size,
         // The limits by which an order is judged hold for the coarser voxels.
-        None if cloud.has_viewpoints() || config.order == Order::Auto => {
+        None if oriented || config.order == Order::Auto => {
             default_voxel(&part.points, diameter, if layered { LAYERED } else { COARSE })?
         }
         None => default_voxel(&part.points, diameter, FINE)?,
@@ -102,12 +102,12 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
-    // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
     let (least, outliers) = if layered {
         (in_one_layer(config.normals.k), outliers_in_one_layer(&config.outliers))
     } else {
         (config.normals.k, config.outliers.clone())
     };
+    // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
     let k = if oriented { enough_neighbors(&grid.points, &tree, least, &config.smoothing) } else { least };
     stages.number("plane_neighbors", k as f64);
     let neighbors = KNeighbors::new(&tree, &grid.points, k.max(outliers.k))?;
@@ -419,15 +419,16 @@ fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> 
     let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
     let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
     let Resolution { per_diameter, least } = resolution;
-    let mut size = (diameter / per_diameter).max(1.2 * spacing);
+    let smallest = 1.2 * spacing;
+    let size = (diameter / per_diameter).max(smallest);
     if size <= 0.0 {
         return Err(Error::Degenerate { shape: "identical" });
     }
-    if least > 0.0 {
-        let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
-        size *= (voxels / least).sqrt().clamp(FINEST, 1.0);
+    if least == 0.0 {
+        return Ok(size);
     }
-    Ok(size.max(1.2 * spacing))
+    let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
+    Ok((size * (voxels / least).sqrt().clamp(FINEST, 1.0)).max(smallest))
 }
 
 /// Normals given by the caller win over estimated ones where there are any; those of a patch are made to agree first.

@@ -42,6 +42,16 @@ fn a_noisy_plate_becomes_one_layer_nearer_to_its_plane() {
 }
 
 #[test]
+fn a_plate_far_from_the_origin_becomes_one_layer_too() {
+    let edge = 0.02;
+    let mut points = plate(0.04, 0.0);
+    let near = voxel_layers(&points, edge).unwrap().points.len() as f64;
+    points.iter_mut().flatten().for_each(|x| *x += 4e6);
+    let far = voxel_layers(&points, edge).unwrap().points.len() as f64;
+    assert!((far / near - 1.0).abs() < 0.05, "{far} columns far away, {near} near by");
+}
+
+#[test]
 fn plates_that_are_apart_stay_apart() {
     let edge = 0.02;
     let mut points = plate(0.01, 0.0);

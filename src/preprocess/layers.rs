@@ -113,8 +113,10 @@ impl Columns {
         let blocks = Grid::new(centers, BLOCK * voxel_size, "voxel_size")?;
         let mut moments = vec![Moments::default(); blocks.len];
         let mut places = vec![[0; 3]; blocks.len];
+        // Far from the origin of the cloud the products would lose the digits that matter.
+        let origin = centers.first().map_or_else(Vector3::zeros, |center| Vector3::from(*center));
         for ((center, &count), &block) in centers.iter().zip(counts).zip(&blocks.cell_of) {
-            let (count, p) = (f64::from(count), Vector3::from(*center));
+            let (count, p) = (f64::from(count), Vector3::from(*center) - origin);
             let sum = p * count;
             moments[block as usize].add(&Moments { count, sum, products: sum * p.transpose() });
             places[block as usize] = blocks.indices(center);
