@@ -105,9 +105,14 @@ impl Turn {
 mod tests {
     use super::*;
 
+    fn oblique() -> Axis {
+        let direction = Unit::new_normalize(Vector3::new(0.3, -0.2, 0.9));
+        Axis { direction, point: Vector3::new(1.0, 2.0, 3.0) }
+    }
+
     #[test]
     fn retract_moves_along_the_tangents() {
-        let axis = Axis::new(Vector3::new(0.3, -0.2, 0.9), Vector3::new(1.0, 2.0, 3.0)).unwrap();
+        let axis = oblique();
         let [u, v] = axis.tangents();
         assert!((u.cross(&v) - axis.direction.into_inner()).norm() < 1e-14);
         let moved = axis.retract(&Vector4::new(0.0, 1e-3, 0.2, 0.0));
@@ -117,7 +122,7 @@ mod tests {
 
     #[test]
     fn turn_keeps_the_axis() {
-        let axis = Axis::new(Vector3::new(0.3, -0.2, 0.9), Vector3::new(1.0, 2.0, 3.0)).unwrap();
+        let axis = oblique();
         let on_axis = axis.point + axis.direction.into_inner() * 7.0;
         assert!((axis.turn(1.2).apply(&on_axis) - on_axis).norm() < 1e-13);
     }

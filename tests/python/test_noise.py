@@ -38,3 +38,16 @@ def test_the_order_is_found_in_five_times_the_noise(seed: int) -> None:
     found = sympose.estimate(scanned.scene)
     assert found.order == 7
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.3))
+
+
+def test_one_layer_of_points_gives_the_same_pose() -> None:
+    scanned = scan(part("wheel_hub_5"), "sphere", views=5, seed=1)
+    several = sympose.Config(smoothing={"join_layers": False}, voxel_size=0.006)
+    one = sympose.Config(voxel_size=0.006)
+    found = {
+        name: sympose.estimate(scanned.scene, order=5, config=c)
+        for name, c in (("several", several), ("one", one))
+    }
+    assert len(found["one"].points) < 0.8 * len(found["several"].points)
+    for estimate in found.values():
+        assert abs(estimate.axis @ scanned.axis) > np.cos(np.radians(0.02))
