@@ -84,7 +84,7 @@ fn principal_axes(surface: &Surface) -> Option<Vec<Axis>> {
 }
 
 /// A point on the line along `axis` about which the smallest cylinder holds all `points`.
-fn outline_center(points: &[Vector3<f64>], axis: &Axis) -> Vector3<f64> {
+pub(crate) fn outline_center(points: &[Vector3<f64>], axis: &Axis) -> Vector3<f64> {
     let [u, v] = axis.tangents();
     let flat: Vec<[f64; 2]> =
         points.iter().map(|p| p - axis.point).map(|arm| [u.dot(&arm), v.dot(&arm)]).collect();

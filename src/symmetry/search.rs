@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::{DetectParams, detect_order};
 use crate::symmetry::order::{Order, Turns};
-use crate::symmetry::propose::{Proposal, ProposeParams, propose};
+use crate::symmetry::propose::{Proposal, ProposeParams, outline_center, propose};
 use crate::symmetry::score::match_score;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
@@ -93,7 +93,7 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
             context.control.check()?;
         }
     }
-    for axis in across(&found) {
+    for axis in across(&found).into_iter().chain(centered(&found, surface)) {
         consider(&mut found, surface, axis, Order::Continuous, &quick, &context);
         context.control.check()?;
     }
@@ -160,6 +160,27 @@ fn across(found: &[Found]) -> Vec<Axis> {
         }
     }
     main
+}
+
+/// The best directions through the middle of the outline: turns of a wrong order align a direction, but where a part of the
+/// outline is missing they pull the axis aside.
+fn centered(found: &[Found], surface: &Surface) -> Vec<Axis> {
+    /// Directions that are tried.
+    const TRIED: usize = 6;
+    /// Angle between them [rad].
+    const APART: f64 = 0.05;
+    /// Points of the outline.
+    const OUTLINE: usize = 2000;
+    let mut ranked: Vec<&Found> = found.iter().collect();
+    ranked.sort_by(|a, b| b.proposal.score.value().total_cmp(&a.proposal.score.value()));
+    let mut directions: Vec<&Axis> = Vec::new();
+    for axis in ranked.iter().map(|f| &f.proposal.axis) {
+        if directions.len() < TRIED && directions.iter().all(|known| known.angle_to(axis) > APART) {
+            directions.push(axis);
+        }
+    }
+    let points = surface.samples.strided(OUTLINE).points;
+    directions.into_iter().map(|axis| Axis { point: outline_center(&points, axis), ..*axis }).collect()
 }
 
 /// Rotations of a group, for comparing groups; those of a surface of revolution are without number.

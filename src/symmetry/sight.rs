@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use crate::symmetry::axis::Axis;
 use crate::symmetry::surface::Surface;
@@ -42,13 +42,13 @@ impl<'a> Sight<'a> {
         self.unseen.map(|sector| sector.width)
     }
 
-    /// [`Visibility::seen`]; without viewpoints any place counts as free.
+    /// [`Visibility::seen`], but a ray through the sector of which nothing was measured may have met something there, and
+    /// its return have been lost with the rest; without viewpoints any place counts as free.
     #[must_use]
     #[inline]
     pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
-        let seen = self.visibility.map_or(Seen::Free, |v| v.seen(point, margin));
-        let is_unseen = seen == Seen::Missing && self.unseen.is_some_and(|sector| sector.holds(point));
-        if is_unseen { Seen::Hidden } else { seen }
+        let is_barred = |camera: &Vector3<f64>| self.unseen.is_some_and(|sector| sector.meets(camera, point));
+        self.visibility.map_or(Seen::Free, |v| v.seen(point, margin, is_barred))
     }
 }
 
@@ -58,8 +58,10 @@ struct Sector {
     axis: Axis,
     /// Angle from the first tangent of the axis \[rad\].
     start: f64,
-    /// \[rad\]
+    /// Below π, so that the sector is convex \[rad\].
     width: f64,
+    /// Largest distance of a point from the axis \[length\].
+    rim: f64,
 }
 
 impl Sector {
@@ -74,10 +76,15 @@ impl Sector {
         /// Points nearer to the axis than this say little about their angle [largest distance].
         const NEAR: f64 = 0.1;
         /// More points than this do not fill more bins.
-        const LOOKED_AT: usize = 20_000;
+        const LOOKED_AT: usize = 5000;
         let points = &surface.samples.points;
         let step = points.len().div_ceil(LOOKED_AT).max(1);
-        let places: Vec<(f64, f64)> = points.iter().step_by(step).map(|p| polar(axis, p)).collect();
+        let tangents = axis.tangents();
+        let place = |p: &Vector3<f64>| {
+            let [x, y] = tangents.map(|tangent| tangent.dot(&(p - axis.point)));
+            (x.hypot(y), y.atan2(x).rem_euclid(TAU))
+        };
+        let places: Vec<(f64, f64)> = points.iter().step_by(step).map(place).collect();
         let rim = places.iter().map(|place| place.0).fold(0.0, f64::max);
         let mut counts = [0_usize; BINS];
         for (_, angle) in places.into_iter().filter(|(radius, _)| *radius > NEAR * rim) {
@@ -100,17 +107,29 @@ impl Sector {
         let alone = (WIDTH[0]..=WIDTH[1]).contains(&widest) && widest >= next + WIDER;
         let bin = TAU / BINS as f64;
         // The bins on either side are empty in part.
-        let start = (start as f64 - 1.0) * bin;
-        alone.then_some(Self { axis: *axis, start, width: (widest + 2) as f64 * bin })
+        let start = start as f64 - 1.0;
+        alone.then_some(Self { axis: *axis, start: start * bin, width: (widest + 2) as f64 * bin, rim })
     }
 
-    fn holds(&self, point: &Vector3<f64>) -> bool {
-        (polar(&self.axis, point).1 - self.start).rem_euclid(TAU) <= self.width
+    /// Whether the straight way from one point to another leads through the sector.
+    fn meets(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+        let flat =
+            |p: &Vector3<f64>| Vector2::from(self.axis.tangents().map(|t| t.dot(&(p - self.axis.point))));
+        let (begin, way) = (flat(from), flat(to) - flat(from));
+        // The share of the way on the inner side of both edges.
+        let (mut first, mut last) = (0.0_f64, 1.0_f64);
+        for (angle, inward) in [(self.start, 1.0), (self.start + self.width, -1.0)] {
+            let normal = Vector2::new(-angle.sin(), angle.cos()) * inward;
+            let (height, rise) = (normal.dot(&begin), normal.dot(&way));
+            if rise > 0.0 {
+                first = first.max(-height / rise);
+            } else if rise < 0.0 {
+                last = last.min(-height / rise);
+            } else if height < 0.0 {
+                return false;
+            }
+        }
+        let nearest = if way == Vector2::zeros() { 0.0 } else { -begin.dot(&way) / way.norm_squared() };
+        first <= last && (begin + way * nearest.clamp(first, last)).norm() <= self.rim
     }
-}
-
-/// Distance from an axis \[length\], and angle about it from its first tangent, in [0, 2π] \[rad\].
-fn polar(axis: &Axis, point: &Vector3<f64>) -> (f64, f64) {
-    let [x, y] = axis.tangents().map(|tangent| tangent.dot(&(point - axis.point)));
-    (x.hypot(y), y.atan2(x).rem_euclid(TAU))
 }

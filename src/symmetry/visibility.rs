@@ -86,12 +86,16 @@ impl Visibility {
     }
 
     /// What the cameras say about a surface at `point`; a measurement within `margin` \[length\]
-    /// in front of it counts as hiding it.
+    /// in front of it counts as hiding it. Where returns of a camera may be lost, as `is_barred` says given its place, a
+    /// missing one says nothing, and one beside a missing one proves nothing free.
     #[must_use]
-    pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
+    pub fn seen(&self, point: &Vector3<f64>, margin: f64, is_barred: impl Fn(&Vector3<f64>) -> bool) -> Seen {
         let mut strongest = Seen::Hidden;
         for view in &self.views {
-            strongest = strongest.max(view.seen(point, margin));
+            let (seen, beside_missing) = view.seen(point, margin);
+            if seen > strongest && !(beside_missing && is_barred(&view.center)) {
+                strongest = seen;
+            }
             if strongest == Seen::Free {
                 break;
             }
@@ -133,6 +137,8 @@ struct Cell {
     own: f32,
     /// Nearest return in its cell and those around it.
     nearest: f32,
+    /// Farthest of them; infinite where one is missing.
+    farthest: f32,
 }
 
 /// Nearest range for each cell of a tangent-plane grid about a camera.
@@ -217,24 +223,29 @@ impl DepthMap {
     fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
         let [column, row] = self.cell_of(point)?;
         // The neighbouring cells too: at an edge the ray may have passed beside the surface.
-        let mut nearest = f32::INFINITY;
+        let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
         for r in row.saturating_sub(1)..(row + 2).min(self.size[1]) {
             for c in column.saturating_sub(1)..(column + 2).min(self.size[0]) {
-                nearest = nearest.min(self.nearest[r * self.size[0] + c]);
+                let range = self.nearest[r * self.size[0] + c];
+                (nearest, farthest) = (nearest.min(range), farthest.max(range));
             }
         }
         let range = (point - self.center).norm();
-        Some(Cell { range, own: self.nearest[row * self.size[0] + column], nearest })
+        Some(Cell { range, own: self.nearest[row * self.size[0] + column], nearest, farthest })
     }
 
-    fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
-        let Some(Cell { range, own, nearest }) = self.at(point) else { return Seen::Hidden };
-        if own.is_finite() && f64::from(nearest) > range + margin {
+    /// What this camera says about a place, and whether a return is missing there or beside it.
+    fn seen(&self, point: &Vector3<f64>, margin: f64) -> (Seen, bool) {
+        let Some(Cell { range, own, nearest, farthest }) = self.at(point) else {
+            return (Seen::Hidden, false);
+        };
+        let seen = if own.is_finite() && f64::from(nearest) > range + margin {
             Seen::Free
         } else if nearest.is_infinite() {
             Seen::Missing
         } else {
             Seen::Hidden
-        }
+        };
+        (seen, farthest.is_infinite())
     }
 }

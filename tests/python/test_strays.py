@@ -93,6 +93,15 @@ def test_a_sector_that_nobody_measured_is_not_taken_for_empty() -> None:
     assert any("sector" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize(("name", "order"), [("propeller_5", 5), ("pulley", "continuous")])
+def test_nothing_is_known_behind_a_sector_that_nobody_measured(name: str, order: int | str) -> None:
+    # A ray through the sector may have met the part there, and one past an edge there proves nothing.
+    scanned = scan(part(name), "sphere", views=5, seed=1, wedge_deg=90.0)
+    found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
+    assert found.order == order
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+
+
 def test_a_sector_that_a_camera_saw_through_is_empty() -> None:
     scanned = scan(part("sprocket_6"), "table", views=5, seed=3)
     points, viewpoints = scanned.scene.points.copy(), np.asarray(scanned.scene.viewpoints)
