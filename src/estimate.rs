@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
 use crate::cloud::PointCloud;
 use crate::config::Config;
@@ -296,6 +297,7 @@ impl Estimator {
         let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
         let mut params = self.config.detect.clone();
         if self.config.order != Order::Auto {
+            params.samples = params.samples.min(REMARKED);
             params.ring_samples = params.ring_samples.min(REMARKED);
         }
         detect_order(surface, axis, gate, prepared.sight(axis), &params)
@@ -334,6 +336,7 @@ impl Estimator {
         let gate = self.final_gate(surface);
         let sight = prepared.sight(axis);
         (0..ANGLES)
+            .into_par_iter()
             .map(|i| {
                 let angle = std::f64::consts::TAU * i as f64 / ANGLES as f64;
                 let turns = Turns::single(angle);

@@ -413,22 +413,36 @@ const FINE: Resolution = Resolution { per_diameter: 280.0, least: 0.0 };
 fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> Result<f64> {
     /// The size is not reduced further than to this share.
     const FINEST: f64 = 0.5;
+    /// Least size \[spacings of the points\].
+    const SPARSEST: f64 = 1.2;
     /// A spacing that is known from this many points is known well enough.
     const LOOKED_AT: usize = 200_000;
     let step = points.len().div_ceil(LOOKED_AT);
     let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
-    let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
     let Resolution { per_diameter, least } = resolution;
-    let smallest = 1.2 * spacing;
-    let size = (diameter / per_diameter).max(smallest);
-    if size <= 0.0 {
-        return Err(Error::Degenerate { shape: "identical" });
+    let mut size = diameter / per_diameter;
+    if least > 0.0 && size > 0.0 {
+        let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
+        size *= (voxels / least).sqrt().clamp(FINEST, 1.0);
     }
-    if least == 0.0 {
+    if size > 0.0 && mostly_within(&sample, (step as f64).sqrt() * size / SPARSEST) {
         return Ok(size);
     }
-    let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
-    Ok((size * (voxels / least).sqrt().clamp(FINEST, 1.0)).max(smallest))
+    let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
+    let size = size.max(SPARSEST * spacing);
+    if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
+}
+
+/// Whether most points surely have another one, not at the same place, within `distance`: such as share a cell of that
+/// diagonal. It takes less than the tree that would know it of each.
+fn mostly_within(points: &[[f64; 3]], distance: f64) -> bool {
+    let edge = distance / f64::sqrt(3.0);
+    let Ok(cells) = voxel_downsample(points, edge) else { return false };
+    // Of points at one place the mean is there, too.
+    let off_mean =
+        |p: &[f64; 3], mean: &[f64; 3]| p.iter().zip(mean).any(|(x, mean)| (x - mean).abs() > 1e-9 * edge);
+    let rows = points.iter().zip(&cells.inverse);
+    2 * rows.filter(|(p, cell)| off_mean(p, &cells.points[**cell as usize])).count() > points.len()
 }
 
 /// Normals given by the caller win over estimated ones where there are any; those of a patch are made to agree first.

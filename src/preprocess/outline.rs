@@ -12,6 +12,8 @@ const SECTORS: usize = 120;
 pub(crate) struct Outline {
     /// Corners, counterclockwise.
     corners: Vec<Flat>,
+    /// For each edge the unit vector across it, inward, and the height of the edge along that vector.
+    inward: Vec<(Flat, f64)>,
     /// Centroid of the hull.
     pub(crate) middle: Flat,
     /// Largest distance of a point from the middle for each sector of directions; 0 where there is none.
@@ -26,7 +28,12 @@ impl Outline {
         if area <= 0.0 {
             return None;
         }
-        Some(Self { reach: reach(points, middle), corners, middle })
+        let inward = edges(&corners).filter_map(|(a, b)| {
+            let length = distance(a, b);
+            let across = [(a[1] - b[1]) / length, (b[0] - a[0]) / length];
+            (length > 0.0).then_some((across, dot(across, a)))
+        });
+        Some(Self { reach: reach(points, middle), inward: inward.collect(), corners, middle })
     }
 
     /// Half the mean width of the hull \[length\].
@@ -37,7 +44,7 @@ impl Outline {
 
     /// Whether `p` lies in the hull, or less than `margin` \[length\] outside one of its edges.
     pub(crate) fn contains(&self, p: Flat, margin: f64) -> bool {
-        edges(&self.corners).all(|(a, b)| cross(a, b, p) >= -margin * distance(a, b))
+        self.inward.iter().all(|(across, height)| dot(*across, p) - height >= -margin)
     }
 
     /// Distance from the middle to the hull in the direction of each sector \[length\].
@@ -111,18 +118,27 @@ impl Outline {
 pub(crate) fn enclosing_middle(points: &[Flat], start: Flat) -> Flat {
     let mut middle = start;
     for i in 1..=30 {
-        let Some(far) = points.iter().max_by(|a, b| distance(**a, middle).total_cmp(&distance(**b, middle)))
-        else {
-            break;
+        let farther = |(far, most): (Flat, f64), p: &Flat| {
+            let distance_sq = distance_sq(*p, middle);
+            if distance_sq >= most { (*p, distance_sq) } else { (far, most) }
         };
+        let (far, _) = points.iter().fold((middle, 0.0), farther);
         let step = 1.0 / f64::from(i + 1);
         middle = [middle[0] + step * (far[0] - middle[0]), middle[1] + step * (far[1] - middle[1])];
     }
     middle
 }
 
+fn dot(a: Flat, b: Flat) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+fn distance_sq(a: Flat, b: Flat) -> f64 {
+    (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
+}
+
 pub(crate) fn distance(a: Flat, b: Flat) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    distance_sq(a, b).sqrt()
 }
 
 fn reach(points: &[Flat], middle: Flat) -> Vec<f64> {
@@ -131,7 +147,7 @@ fn reach(points: &[Flat], middle: Flat) -> Vec<f64> {
         let (x, y) = (p[0] - middle[0], p[1] - middle[1]);
         let turn = (y.atan2(x) / TAU).rem_euclid(1.0);
         let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
-        reach[sector] = reach[sector].max(x.hypot(y));
+        reach[sector] = reach[sector].max(distance(*p, middle));
     }
     reach
 }

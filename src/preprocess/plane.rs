@@ -64,8 +64,7 @@ pub struct Plane {
 pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane> {
     check(points, params)?;
     let mut random = ChaCha8Rng::seed_from_u64(params.seed);
-    let sample: Vec<[f64; 3]> =
-        even_indices(points.len(), SAMPLE, &mut random).into_iter().map(|i| points[i]).collect();
+    let sample = Sample::new(points, &even_indices(points.len(), SAMPLE, &mut random));
     let mut finalists = vec![Candidate { inliers: 0, plane: widest(points)? }];
     let mut iterations = 0;
     let mut wanted = params.max_iterations;
@@ -75,8 +74,7 @@ pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane>
             (0..batch).map(|_| std::array::from_fn(|_| below(&mut random, points.len()))).collect();
         finalists.par_extend(triples.into_par_iter().filter_map(|triple| {
             let plane = HalfSpace::through(triple.map(|i| Vector3::from(points[i])))?;
-            let inliers = sample.iter().filter(|p| plane.distance(p).abs() <= params.distance).count();
-            Some(Candidate { inliers, plane })
+            Some(Candidate { inliers: sample.count(&plane, params.distance), plane })
         }));
         // Stable: of equal counts the hypothesis drawn first stays in front.
         finalists.sort_by_key(|candidate| std::cmp::Reverse(candidate.inliers));
@@ -120,6 +118,36 @@ fn check(points: &[[f64; 3]], params: &PlaneParams) -> Result<()> {
         });
     }
     Ok(())
+}
+
+/// Points on which hypotheses are compared, coordinate by coordinate and in single precision: four at a time.
+struct Sample {
+    reference: Vector3<f64>,
+    coordinates: [Vec<f32>; 3],
+}
+
+impl Sample {
+    fn new(points: &[[f64; 3]], chosen: &[usize]) -> Self {
+        // Far from the origin the last digits would be lost.
+        let reference = points[chosen[0]];
+        let along =
+            |axis: usize| chosen.iter().map(|&i| (points[i][axis] - reference[axis]) as f32).collect();
+        Self { reference: reference.into(), coordinates: [0, 1, 2].map(along) }
+    }
+
+    fn len(&self) -> usize {
+        self.coordinates[0].len()
+    }
+
+    /// Points within `distance` of a plane, but for rounding.
+    fn count(&self, plane: &HalfSpace, distance: f64) -> usize {
+        let [a, b, c]: [f32; 3] = plane.normal.map(|x| x as f32).into();
+        let (d, distance) = (plane.distance(&self.reference.into()) as f32, distance as f32);
+        let [x, y, z] = &self.coordinates;
+        let near =
+            |((x, y), z): ((&f32, &f32), &f32)| u32::from((a * x + b * y + c * z + d).abs() <= distance);
+        x.iter().zip(y).zip(z).map(near).sum::<u32>() as usize
+    }
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -5,9 +5,13 @@
 //! surface is filled, by letting each cell hand its point on to its neighbours.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// Edge of a tile \[cells\]: cells that are close in space are close in memory.
 const TILE: usize = 8;
+
+/// Slabs that are filled at the same time.
+const SLABS: usize = 4;
 
 /// Cells of the table, at most; a finer grid is coarsened to this.
 const MAX_CELLS: f64 = 16_777_216.0;
@@ -29,44 +33,71 @@ pub(crate) struct NearestField {
 
 impl NearestField {
     /// Fills the table about `points` (at least one) out to `reach` \[length\], in cells of edge `cell` \[length\] or larger
-    /// ones where the table would grow too large.
+    /// ones where the table would grow too large; a cell is at least a seventh of `reach`.
     pub(crate) fn new(points: &[Vector3<f64>], cell: f64, reach: f64) -> Self {
         let empty = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
         let (lower, upper) = points.iter().fold(empty, |(l, u), p| (l.inf(p), u.sup(p)));
         let cells = |cell: f64| (upper - lower).map(|x| ((x + 2.0 * reach) / cell).ceil() + 3.0);
-        let mut cell = cell;
+        let mut cell = cell.max(reach / (TILE - 1) as f64);
         while cells(cell).product() > MAX_CELLS {
             cell *= 1.1;
         }
-        let size: [usize; 3] = cells(cell).map(|n| n as usize).into();
         let origin = lower.add_scalar(-reach - 1.5 * cell);
+        let mut field = Self::empty(origin, cell, cells(cell).map(|n| n as usize).into());
+        // Slabs of whole tiles, each filled in a table of its own with a tile more at either end: what is farther away is
+        // out of reach. Their number is fixed, so that the result does not depend on that of the threads.
+        let [layer, ..] = field.tile_strides;
+        let layers = (field.nearest.len() / layer).div_ceil(SLABS);
+        let size = field.size;
+        field.nearest.par_chunks_mut(layers * layer).enumerate().for_each(|(slab, nearest)| {
+            let tiles = nearest.len() / layer;
+            let start = (slab * layers) as f64 - 1.0;
+            let corner = origin + Vector3::x() * (start * TILE as f64 * cell);
+            let mut part = Self::empty(corner, cell, [(tiles + 2) * TILE, size[1], size[2]]);
+            part.fill(points, reach);
+            nearest.copy_from_slice(&part.nearest[layer..][..tiles * layer]);
+        });
+        field
+    }
+
+    fn empty(origin: Vector3<f64>, cell: f64, size: [usize; 3]) -> Self {
         let [x, y, z] = size.map(|n| n.div_ceil(TILE));
         let tile = TILE.pow(3);
-        let tile_strides = [tile, tile * x, tile * x * y];
-        let mut field = Self { origin, cell, size, tile_strides, nearest: vec![0; tile * x * y * z] };
+        Self {
+            origin,
+            cell,
+            size,
+            tile_strides: [tile * y * z, tile * z, tile],
+            nearest: vec![0; tile * x * y * z],
+        }
+    }
+
+    /// Enters those of the points that lie in the table, and lets their cells hand them on.
+    fn fill(&mut self, points: &[Vector3<f64>], reach: f64) {
         let mut front = Vec::new();
         for (i, point) in (1_u32..).zip(points) {
-            let [x, y, z] = ((point - origin) / cell).map(|x| x as u32).into();
-            field.offer(points, [x, y, z], i, &mut front);
+            let at = (point - self.origin) / self.cell;
+            if (0..3).all(|axis| at[axis] >= 0.0 && at[axis] < self.size[axis] as f64) {
+                self.offer(points, at.map(|x| x as u32).into(), i, &mut front);
+            }
         }
         // A cell whose centre is farther than this from its point never holds a match.
-        let useful = (reach + 0.87 * cell).powi(2);
+        let useful = (reach + 0.87 * self.cell).powi(2);
         // Steps through faces only: about sqrt(3) as many along a diagonal as cells within reach.
-        for _ in 0..(1.75 * reach / cell).ceil() as usize {
+        for _ in 0..(1.75 * reach / self.cell).ceil() as usize {
             let mut next = Vec::with_capacity(2 * front.len());
             for &at in &front {
-                let point = field.nearest[field.index(at)];
+                let point = self.nearest[self.index(at)];
                 for step in STEPS {
                     let beside: [u32; 3] = std::array::from_fn(|i| at[i].wrapping_add_signed(step[i]));
-                    let inside = (0..3).all(|i| (beside[i] as usize) < field.size[i]);
-                    if inside && (points[point as usize - 1] - field.center(beside)).norm_squared() < useful {
-                        field.offer(points, beside, point, &mut next);
+                    let inside = (0..3).all(|i| (beside[i] as usize) < self.size[i]);
+                    if inside && (points[point as usize - 1] - self.center(beside)).norm_squared() < useful {
+                        self.offer(points, beside, point, &mut next);
                     }
                 }
             }
             front = next;
         }
-        field
     }
 
     /// Puts a point into a cell that is empty, which then joins the front, or holds one farther from its centre.

@@ -94,8 +94,7 @@ pub fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -> Folde
     if cell > 0.0 {
         let flat: Vec<FoldedPoint> =
             points.iter().map(|p| FoldedPoint { height: 0.0, slope: 1.0, radial: 0.0, ..*p }).collect();
-        let outlines = areas(&flat, order, cell);
-        let areas = areas(&points, order, cell);
+        let (outlines, areas) = rayon::join(|| areas(&flat, order, cell), || areas(&points, order, cell));
         for (point, (area, outline)) in points.iter_mut().zip(areas.into_iter().zip(outlines)) {
             *point = FoldedPoint { area, outline, ..*point };
         }

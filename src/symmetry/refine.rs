@@ -46,7 +46,7 @@ pub struct RefineParams {
 impl Default for RefineParams {
     fn default() -> Self {
         Self {
-            samples: 40_000,
+            samples: 20_000,
             max_turns: 5,
             max_joint_turns: 12,
             gate: 2.0,

@@ -82,7 +82,7 @@ impl Sector {
         let tangents = axis.tangents();
         let place = |p: &Vector3<f64>| {
             let [x, y] = tangents.map(|tangent| tangent.dot(&(p - axis.point)));
-            (x.hypot(y), y.atan2(x).rem_euclid(TAU))
+            ((x * x + y * y).sqrt(), y.atan2(x).rem_euclid(TAU))
         };
         let places: Vec<(f64, f64)> = points.iter().step_by(step).map(place).collect();
         let rim = places.iter().map(|place| place.0).fold(0.0, f64::max);

@@ -118,8 +118,8 @@ fn dropout(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3
     for (point, view) in points.flat_map(|p| views.iter().map(move |v| (p, v))) {
         let margin = 3.0 * view.cell * (point - view.center).norm();
         match view.at(&point) {
-            Some(Cell { nearest, .. }) if nearest.is_infinite() => missing += 1.0,
-            Some(Cell { range, own, .. }) if (f64::from(own) - range).abs() < margin => came += 1.0,
+            Some((_, cell)) if cell.nearest.is_infinite() => missing += 1.0,
+            Some((range, cell)) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,
             _ => {}
         }
     }
@@ -129,16 +129,15 @@ fn dropout(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3
     if lost > EDGES { lost } else { 0.0 }
 }
 
-/// What a depth map holds about the direction of a point.
+/// What a depth map holds about one direction.
+#[derive(Debug, Clone, Copy)]
 struct Cell {
-    /// Distance of the point from the camera \[length\].
-    range: f64,
-    /// Nearest return in its cell.
+    /// Nearest return \[length\]; infinite where none came.
     own: f32,
-    /// Nearest return in its cell and those around it.
+    /// Nearest return here and in the cells around: at an edge the ray may have passed beside the surface.
     nearest: f32,
-    /// Farthest of them; infinite where one is missing.
-    farthest: f32,
+    /// Whether a return is missing here or in one of them.
+    beside_missing: bool,
 }
 
 /// Nearest range for each cell of a tangent-plane grid about a camera.
@@ -149,7 +148,7 @@ struct DepthMap {
     lower: [f64; 2],
     cell: f64,
     size: [usize; 2],
-    nearest: Vec<f32>,
+    cells: Vec<Cell>,
 }
 
 impl DepthMap {
@@ -160,83 +159,78 @@ impl DepthMap {
         let up = Vector3::ith(toward.iamin(), 1.0);
         let camera_from_world = Rotation3::look_at_lh(&toward, &up).into_inner();
         let limit = MAX_OFF_AXIS.tan();
-        let project = |ray: Vector3<f64>| -> Option<([f64; 2], f64)> {
+        let project = |ray: Vector3<f64>| -> Option<([f64; 2], f32)> {
             let local = camera_from_world * ray;
             if local.z <= 0.0 {
                 return None;
             }
             let uv = [local.x / local.z, local.y / local.z];
-            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm()))
+            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
         };
+        let projected: Vec<([f64; 2], f32)> = rays().filter_map(project).collect();
         let mut lower = [f64::INFINITY; 2];
         let mut upper = [f64::NEG_INFINITY; 2];
-        let mut projected = 0_usize;
-        for (uv, _) in rays().filter_map(project) {
+        for (uv, _) in &projected {
             for axis in 0..2 {
                 lower[axis] = lower[axis].min(uv[axis]);
                 upper[axis] = upper[axis].max(uv[axis]);
             }
-            projected += 1;
         }
         let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
-        if projected < 16 || extent <= 0.0 {
+        if projected.len() < 16 || extent <= 0.0 {
             return None;
         }
         // About four points a cell if the view were filled, so that a cell without return is a true gap.
-        let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected as f64).sqrt());
+        let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected.len() as f64).sqrt());
         let size = [0, 1].map(|axis| ((upper[axis] - lower[axis]) / cell) as usize + 1);
         let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
-        for (uv, range) in rays().filter_map(project) {
+        for (uv, range) in projected {
             let [column, row] = [0, 1].map(|axis| ((uv[axis] - lower[axis]) / cell) as usize);
             let slot = &mut nearest[row * size[0] + column];
-            *slot = slot.min(range as f32);
+            *slot = slot.min(range);
         }
-        Some(Self { center: *center, camera_from_world, lower, cell, size, nearest })
+        let cells = with_neighbors(&nearest, size[0]);
+        Some(Self { center: *center, camera_from_world, lower, cell, size, cells })
     }
 
     /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
     /// the sensor lost the return, and nothing is known about any place along the ray.
     fn hide_lost(&mut self, points: impl Iterator<Item = Vector3<f64>>) {
+        let mut nearest: Vec<f32> = self.cells.iter().map(|cell| cell.own).collect();
         for point in points {
-            if let Some([column, row]) = self.cell_of(&point) {
-                let nearest = &mut self.nearest[row * self.size[0] + column];
-                if nearest.is_infinite() {
-                    *nearest = 0.0;
-                }
+            if let Some(index) = self.index(&point)
+                && nearest[index].is_infinite()
+            {
+                nearest[index] = 0.0;
             }
         }
+        self.cells = with_neighbors(&nearest, self.size[0]);
     }
 
-    /// Column and row of the cell that shows a point; `None` out of the picture.
-    fn cell_of(&self, point: &Vector3<f64>) -> Option<[usize; 2]> {
+    /// Index of the cell that shows a point; `None` out of the picture.
+    #[inline]
+    fn index(&self, point: &Vector3<f64>) -> Option<usize> {
         let local = self.camera_from_world * (point - self.center);
         if local.z <= 0.0 {
             return None;
         }
-        let column = ((local.x / local.z - self.lower[0]) / self.cell).floor();
-        let row = ((local.y / local.z - self.lower[1]) / self.cell).floor();
+        let column = (local.x / local.z - self.lower[0]) / self.cell;
+        let row = (local.y / local.z - self.lower[1]) / self.cell;
         let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
-        (inside(column, self.size[0]) && inside(row, self.size[1])).then_some([column as usize, row as usize])
+        (inside(column, self.size[0]) && inside(row, self.size[1]))
+            .then(|| row as usize * self.size[0] + column as usize)
     }
 
-    /// `None` out of the picture.
-    fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
-        let [column, row] = self.cell_of(point)?;
-        // The neighbouring cells too: at an edge the ray may have passed beside the surface.
-        let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
-        for r in row.saturating_sub(1)..(row + 2).min(self.size[1]) {
-            for c in column.saturating_sub(1)..(column + 2).min(self.size[0]) {
-                let range = self.nearest[r * self.size[0] + c];
-                (nearest, farthest) = (nearest.min(range), farthest.max(range));
-            }
-        }
-        let range = (point - self.center).norm();
-        Some(Cell { range, own: self.nearest[row * self.size[0] + column], nearest, farthest })
+    /// Distance of a point from the camera, and the cell that shows it; `None` out of the picture.
+    #[inline]
+    fn at(&self, point: &Vector3<f64>) -> Option<(f64, Cell)> {
+        Some(((point - self.center).norm(), self.cells[self.index(point)?]))
     }
 
     /// What this camera says about a place, and whether a return is missing there or beside it.
+    #[inline]
     fn seen(&self, point: &Vector3<f64>, margin: f64) -> (Seen, bool) {
-        let Some(Cell { range, own, nearest, farthest }) = self.at(point) else {
+        let Some((range, Cell { own, nearest, beside_missing })) = self.at(point) else {
             return (Seen::Hidden, false);
         };
         let seen = if own.is_finite() && f64::from(nearest) > range + margin {
@@ -246,6 +240,25 @@ impl DepthMap {
         } else {
             Seen::Hidden
         };
-        (seen, farthest.is_infinite())
+        (seen, beside_missing)
     }
+}
+
+/// Looks around each cell of a map with rows of `width` cells.
+fn with_neighbors(nearest: &[f32], width: usize) -> Vec<Cell> {
+    // Nearest and farthest of three cells in a row, then of three such in a column.
+    let beside = |i: usize| {
+        let row = i / width * width;
+        let around = &nearest[i.saturating_sub(1).max(row)..(i + 2).min(row + width)];
+        around.iter().fold((f32::INFINITY, 0.0_f32), |(near, far), &x| (near.min(x), far.max(x)))
+    };
+    let rows: Vec<(f32, f32)> = (0..nearest.len()).map(beside).collect();
+    let cell = |i: usize| {
+        let above = rows[i.checked_sub(width).unwrap_or(i)];
+        let below = rows.get(i + width).copied().unwrap_or(rows[i]);
+        let near = rows[i].0.min(above.0).min(below.0);
+        let far = rows[i].1.max(above.1).max(below.1);
+        Cell { own: nearest[i], nearest: near, beside_missing: far.is_infinite() }
+    };
+    (0..nearest.len()).map(cell).collect()
 }
