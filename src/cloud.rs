@@ -1,26 +1,45 @@
 //! [`PointCloud`]: the only way in. Checks, drops what is not finite, and shifts to a local origin.
 
+use std::collections::HashMap;
+
 use crate::error::{Error, Result};
 
 /// Coordinates beyond this magnitude would overflow when squared and summed.
 const LARGEST_COORDINATE: f64 = 1e100;
 
 /// Where the sensor stood when it measured the points, in local coordinates.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Viewpoints {
-    Unknown,
-    Shared([f64; 3]),
-    PerPoint(Vec<[f64; 3]>),
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Viewpoints {
+    /// Its places, none twice; empty when they are unknown.
+    pub(crate) places: Vec<[f64; 3]>,
+    /// For each point its place; empty where all points have the first one.
+    place_of: Vec<u32>,
 }
 
 impl Viewpoints {
-    /// The viewpoint of point `index`, if known.
-    pub(crate) fn of(&self, index: usize) -> Option<[f64; 3]> {
-        match self {
-            Self::Unknown => None,
-            Self::Shared(viewpoint) => Some(*viewpoint),
-            Self::PerPoint(viewpoints) => viewpoints.get(index).copied(),
+    /// Number of the place that point `index` was seen from; 0 where none is known.
+    #[inline]
+    pub(crate) fn place_of(&self, index: usize) -> usize {
+        self.place_of.get(index).map_or(0, |&place| place as usize)
+    }
+
+    fn of_each(viewpoints: impl Iterator<Item = [f64; 3]>) -> Self {
+        let mut known: HashMap<[u64; 3], u32> = HashMap::new();
+        let mut found = Self::default();
+        let mut last = None;
+        for viewpoint in viewpoints {
+            // Scans come view by view, so that the same place mostly follows itself.
+            let place = match last {
+                Some((same, place)) if same == viewpoint => place,
+                _ => *known.entry(viewpoint.map(f64::to_bits)).or_insert_with(|| {
+                    found.places.push(viewpoint);
+                    found.places.len() as u32 - 1
+                }),
+            };
+            last = Some((viewpoint, place));
+            found.place_of.push(place);
         }
+        found
     }
 }
 
@@ -102,7 +121,7 @@ impl PointCloud {
             input_index,
             input_len,
             origin,
-            viewpoints: Viewpoints::Unknown,
+            viewpoints: Viewpoints::default(),
             normals: None,
         })
     }
@@ -118,20 +137,17 @@ impl PointCloud {
         let viewpoints = viewpoints.as_ref();
         let local = |v: &[f64; 3]| std::array::from_fn(|axis| v[axis] - self.origin[axis]);
         let found = match viewpoints {
-            [one] if self.input_len != 1 => Viewpoints::Shared(local(one)),
+            [one] if self.input_len != 1 => Viewpoints { places: vec![local(one)], place_of: Vec::new() },
             many => {
                 self.check_rows("viewpoints", many.len())?;
-                Viewpoints::PerPoint(self.input_index.iter().map(|&i| local(&many[i as usize])).collect())
+                Viewpoints::of_each(self.input_index.iter().map(|&i| local(&many[i as usize])))
             }
         };
-        let rows: &[[f64; 3]] = match &found {
-            Viewpoints::Shared(one) => std::slice::from_ref(one),
-            Viewpoints::PerPoint(many) => many,
-            Viewpoints::Unknown => &[],
-        };
-        let bad = rows.iter().filter(|v| v.iter().any(|x| !x.is_finite())).count();
-        if bad > 0 {
-            return Err(Error::NonFinite { count: bad, total: rows.len() });
+        let is_bad = |place: &[f64; 3]| place.iter().any(|x| !x.is_finite());
+        if found.places.iter().any(is_bad) {
+            let total = found.place_of.len().max(1);
+            let count = (0..total).filter(|&i| is_bad(&found.places[found.place_of(i)])).count();
+            return Err(Error::NonFinite { count, total });
         }
         self.viewpoints = found;
         Ok(self)
@@ -207,7 +223,7 @@ impl PointCloud {
     /// Whether the sensor position of the points is known.
     #[must_use]
     pub fn has_viewpoints(&self) -> bool {
-        self.viewpoints != Viewpoints::Unknown
+        !self.viewpoints.places.is_empty()
     }
 
     pub(crate) fn viewpoints(&self) -> &Viewpoints {

@@ -330,7 +330,7 @@ impl Estimator {
     /// Match score of rotations by any angle.
     fn match_curve(&self, prepared: &Prepared, axis: &Axis) -> Vec<[f64; 2]> {
         const ANGLES: usize = 180;
-        const SAMPLES: usize = 300;
+        const SAMPLES: usize = 200;
         let surface = &prepared.surface;
         let samples = surface.samples.strided(SAMPLES);
         let gate = self.final_gate(surface);

@@ -208,6 +208,8 @@ struct Scene<'a> {
     /// Frame of the cloud from that of the points, and back.
     frame: Isometry3<f64>,
     inverse: Isometry3<f64>,
+    /// Where the sensor stood.
+    places: Vec<Vector3<f64>>,
     points: Vec<[f64; 3]>,
     /// Row of each point in the cloud.
     rows: Vec<u32>,
@@ -241,10 +243,18 @@ impl<'a> Scene<'a> {
         let normals = cloud.normals().map(|normals| {
             chosen.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
         });
-        let mut scene =
-            Self { cloud, frame, inverse: frame.inverse(), points: Vec::new(), rows: chosen, normals };
+        let mut scene = Self {
+            cloud,
+            frame,
+            inverse: frame.inverse(),
+            places: Vec::new(),
+            points: Vec::new(),
+            rows: chosen,
+            normals,
+        };
         points.par_iter_mut().for_each(|p| *p = scene.local(*p));
         scene.points = points;
+        scene.places = cloud.viewpoints().places.iter().map(|place| scene.local(*place).into()).collect();
         Ok(scene)
     }
 
@@ -255,8 +265,8 @@ impl<'a> Scene<'a> {
 
     /// The position that point `i` was seen from, where the cloud has such.
     fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
-        let of = |row: u32| self.cloud.viewpoints().of(row as usize).unwrap_or_default();
-        self.cloud.has_viewpoints().then(|| self.local(of(self.rows[i])))
+        let place = self.cloud.viewpoints().place_of(self.rows[i] as usize);
+        self.places.get(place).map(|place| (*place).into())
     }
 
     /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, but not to those of
@@ -274,8 +284,8 @@ impl<'a> Scene<'a> {
         }
         let rows: Vec<u32> = region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect();
         let point = |i: usize| self.local(self.cloud.local_points()[rows[i] as usize]).into();
-        let viewpoint = |i: usize| self.cloud.viewpoints().of(rows[i] as usize);
-        Visibility::new(rows.len(), point, |i| viewpoint(i).map(|v| self.local(v).into()))
+        let place_of = |i: usize| self.cloud.viewpoints().place_of(rows[i] as usize);
+        Visibility::new(rows.len(), point, &self.places, place_of)
     }
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of

@@ -78,7 +78,7 @@ impl NearestField {
         for (i, point) in (1_u32..).zip(points) {
             let at = (point - self.origin) / self.cell;
             if (0..3).all(|axis| at[axis] >= 0.0 && at[axis] < self.size[axis] as f64) {
-                self.offer(points, at.map(|x| x as u32).into(), i, &mut front);
+                self.offer(points, at.map(|x| x as u32).into(), i, f64::INFINITY, &mut front);
             }
         }
         // A cell whose centre is farther than this from its point never holds a match.
@@ -91,8 +91,8 @@ impl NearestField {
                 for step in STEPS {
                     let beside: [u32; 3] = std::array::from_fn(|i| at[i].wrapping_add_signed(step[i]));
                     let inside = (0..3).all(|i| (beside[i] as usize) < self.size[i]);
-                    if inside && (points[point as usize - 1] - self.center(beside)).norm_squared() < useful {
-                        self.offer(points, beside, point, &mut next);
+                    if inside {
+                        self.offer(points, beside, point, useful, &mut next);
                     }
                 }
             }
@@ -100,19 +100,33 @@ impl NearestField {
         }
     }
 
-    /// Puts a point into a cell that is empty, which then joins the front, or holds one farther from its centre.
-    fn offer(&mut self, points: &[Vector3<f64>], at: [u32; 3], point: u32, front: &mut Vec<[u32; 3]>) {
+    /// Puts a point into a cell that is empty, which then joins the front, or holds one farther from its centre; not where
+    /// the square of its own distance is `useful` or more.
+    #[inline]
+    fn offer(
+        &mut self,
+        points: &[Vector3<f64>],
+        at: [u32; 3],
+        point: u32,
+        useful: f64,
+        front: &mut Vec<[u32; 3]>,
+    ) {
         let index = self.index(at);
         let held = self.nearest[index];
+        if held == point {
+            return;
+        }
+        let center = self.center(at);
+        let distance_sq = |i: u32| (points[i as usize - 1] - center).norm_squared();
+        let offered_sq = distance_sq(point);
+        if offered_sq >= useful {
+            return;
+        }
         if held == 0 {
             self.nearest[index] = point;
             front.push(at);
-        } else if held != point {
-            let center = self.center(at);
-            let distance_sq = |i: u32| (points[i as usize - 1] - center).norm_squared();
-            if distance_sq(point) < distance_sq(held) {
-                self.nearest[index] = point;
-            }
+        } else if offered_sq < distance_sq(held) {
+            self.nearest[index] = point;
         }
     }
 

@@ -1,6 +1,7 @@
 //! Axis and order together: axes proposed under several orders, each asked for the order that it really has.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::Result;
@@ -86,17 +87,16 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     };
     let params = ProposeParams { samples: [120, 250, 600], kept: [12, 5, ASKED], ..context.propose.clone() };
     let context = SearchContext { propose: &params, ..*context };
-    let mut found: Vec<Found> = Vec::new();
+    let mut proposed: Vec<(Axis, Order)> = Vec::new();
     for hypothesis in HYPOTHESES {
-        for proposal in propose_under(surface, hypothesis, &context)? {
-            consider(&mut found, surface, proposal.axis, hypothesis, &quick, &context);
-            context.control.check()?;
-        }
+        let proposals = propose_under(surface, hypothesis, &context)?;
+        proposed.extend(proposals.into_iter().map(|proposal| (proposal.axis, hypothesis)));
     }
-    for axis in across(&found).into_iter().chain(centered(&found, surface)) {
-        consider(&mut found, surface, axis, Order::Continuous, &quick, &context);
-        context.control.check()?;
-    }
+    let mut found: Vec<Found> = Vec::new();
+    consider(&mut found, surface, proposed, &quick, &context)?;
+    let derived = across(&found).into_iter().chain(centered(&found, surface));
+    let derived = derived.map(|axis| (axis, Order::Continuous)).collect();
+    consider(&mut found, surface, derived, &quick, &context)?;
     let best =
         found.iter().filter(|f| f.order.is_some()).map(|f| f.proposal.score.value()).fold(0.0, f64::max);
     let equally_good = if context.visibility.is_some() { EQUALLY_GOOD } else { EQUALLY_GOOD_UNSEEN };
@@ -111,32 +111,39 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     Ok(found)
 }
 
-/// Asks an axis for its order, unless it is known already.
+/// Asks axes for their orders, but those that are known already; each comes with the order that it was proposed under.
 fn consider(
     found: &mut Vec<Found>,
     surface: &Surface,
-    axis: Axis,
-    hypothesis: Order,
+    proposed: Vec<(Axis, Order)>,
     quick: &DetectParams,
     context: &SearchContext<'_>,
-) {
-    let same = |f: &Found| {
-        f.proposal.axis.angle_to(&axis) < 0.02
-            && f.proposal.axis.distance(&axis.point) < 0.01 * context.diameter
-    };
-    if found.iter().any(same) {
-        return;
+) -> Result<()> {
+    let mut distinct: Vec<(Axis, Order)> = Vec::new();
+    for (axis, hypothesis) in proposed {
+        let same = |known: &Axis| {
+            known.angle_to(&axis) < 0.02 && known.distance(&axis.point) < 0.01 * context.diameter
+        };
+        let mut known = found.iter().map(|f| &f.proposal.axis).chain(distinct.iter().map(|(axis, _)| axis));
+        if !known.any(same) {
+            distinct.push((axis, hypothesis));
+        }
     }
-    let sight = Sight::about(&axis, surface, context.visibility);
-    let detection = detect_order(surface, &axis, context.gate, sight, quick);
-    let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
     let samples = surface.samples.strided(1000);
-    let score = match_score(surface, &samples, &axis, &turns, context.gate, sight);
-    found.push(Found {
-        proposal: Proposal { axis, score },
-        order: detection.order,
-        explained: detection.explained,
-    });
+    let ask = |(axis, hypothesis): (Axis, Order)| {
+        context.control.check()?;
+        let sight = Sight::about(&axis, surface, context.visibility);
+        let detection = detect_order(surface, &axis, context.gate, sight, quick);
+        let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
+        let score = match_score(surface, &samples, &axis, &turns, context.gate, sight);
+        Ok(Found {
+            proposal: Proposal { axis, score },
+            order: detection.order,
+            explained: detection.explained,
+        })
+    };
+    found.extend(distinct.into_par_iter().map(ask).collect::<Result<Vec<Found>>>()?);
+    Ok(())
 }
 
 /// Axes across the best pairs of two-fold axes: half turns about two lines make a turn about the line across both, so

@@ -2,8 +2,6 @@
 //!
 //! A ray proves that space is free only up to the point that it measured; a direction without a return proves nothing.
 
-use std::collections::HashMap;
-
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rayon::prelude::*;
 
@@ -37,31 +35,18 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for.
-    /// Points without a viewpoint are skipped; `None` when there is none.
+    /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for,
+    /// each seen from the one of `places` that `place_of` numbers. `None` where there is no view with enough points.
     #[must_use]
     pub fn new(
         count: usize,
         point_of: impl Fn(usize) -> Vector3<f64> + Sync,
-        viewpoint_of: impl Fn(usize) -> Option<Vector3<f64>>,
+        places: &[Vector3<f64>],
+        place_of: impl Fn(usize) -> usize,
     ) -> Option<Self> {
-        let mut view_of_key: HashMap<[u64; 3], usize> = HashMap::new();
-        let mut members: Vec<(Vector3<f64>, Vec<u32>)> = Vec::new();
-        let mut last: Option<(Vector3<f64>, usize)> = None;
+        let mut members: Vec<(&Vector3<f64>, Vec<u32>)> = places.iter().map(|p| (p, Vec::new())).collect();
         for i in 0..count {
-            let Some(viewpoint) = viewpoint_of(i) else { continue };
-            let view = match last {
-                Some((known, view)) if known == viewpoint => view,
-                _ => {
-                    let key = [viewpoint.x.to_bits(), viewpoint.y.to_bits(), viewpoint.z.to_bits()];
-                    *view_of_key.entry(key).or_insert_with(|| {
-                        members.push((viewpoint, Vec::new()));
-                        members.len() - 1
-                    })
-                }
-            };
-            last = Some((viewpoint, view));
-            members[view].1.push(i as u32);
+            members[place_of(i)].1.push(i as u32);
         }
         members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
         members.truncate(MAX_VIEWS);
@@ -116,10 +101,11 @@ fn dropout(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3
     let (mut missing, mut came) = (0.0, 0.0);
     let points = (0..count).step_by(step).map(point_of);
     for (point, view) in points.flat_map(|p| views.iter().map(move |v| (p, v))) {
-        let margin = 3.0 * view.cell * (point - view.center).norm();
+        let range = (point - view.center).norm();
+        let margin = 3.0 * range / view.cells_per_slope;
         match view.at(&point) {
-            Some((_, cell)) if cell.nearest.is_infinite() => missing += 1.0,
-            Some((range, cell)) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,
+            Some(cell) if cell.nearest.is_infinite() => missing += 1.0,
+            Some(cell) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,
             _ => {}
         }
     }
@@ -145,8 +131,10 @@ struct Cell {
 struct DepthMap {
     center: Vector3<f64>,
     camera_from_world: Matrix3<f64>,
-    lower: [f64; 2],
-    cell: f64,
+    /// Cells to a slope of one against the middle of the view.
+    cells_per_slope: f64,
+    /// Where the picture begins, from the middle of the view \[cells\].
+    first: [f64; 2],
     size: [usize; 2],
     cells: Vec<Cell>,
 }
@@ -182,15 +170,17 @@ impl DepthMap {
         }
         // About four points a cell if the view were filled, so that a cell without return is a true gap.
         let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected.len() as f64).sqrt());
-        let size = [0, 1].map(|axis| ((upper[axis] - lower[axis]) / cell) as usize + 1);
+        let cells_per_slope = 1.0 / cell;
+        let first = lower.map(|x| x * cells_per_slope);
+        let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
         let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
         for (uv, range) in projected {
-            let [column, row] = [0, 1].map(|axis| ((uv[axis] - lower[axis]) / cell) as usize);
+            let [column, row] = [0, 1].map(|axis| (uv[axis] * cells_per_slope - first[axis]) as usize);
             let slot = &mut nearest[row * size[0] + column];
             *slot = slot.min(range);
         }
         let cells = with_neighbors(&nearest, size[0]);
-        Some(Self { center: *center, camera_from_world, lower, cell, size, cells })
+        Some(Self { center: *center, camera_from_world, cells_per_slope, first, size, cells })
     }
 
     /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
@@ -214,29 +204,32 @@ impl DepthMap {
         if local.z <= 0.0 {
             return None;
         }
-        let column = (local.x / local.z - self.lower[0]) / self.cell;
-        let row = (local.y / local.z - self.lower[1]) / self.cell;
+        let scale = self.cells_per_slope / local.z;
+        let column = local.x * scale - self.first[0];
+        let row = local.y * scale - self.first[1];
         let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
         (inside(column, self.size[0]) && inside(row, self.size[1]))
             .then(|| row as usize * self.size[0] + column as usize)
     }
 
-    /// Distance of a point from the camera, and the cell that shows it; `None` out of the picture.
+    /// The cell that shows a point; `None` out of the picture.
     #[inline]
-    fn at(&self, point: &Vector3<f64>) -> Option<(f64, Cell)> {
-        Some(((point - self.center).norm(), self.cells[self.index(point)?]))
+    fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
+        self.index(point).map(|index| self.cells[index])
     }
 
     /// What this camera says about a place, and whether a return is missing there or beside it.
     #[inline]
     fn seen(&self, point: &Vector3<f64>, margin: f64) -> (Seen, bool) {
-        let Some((range, Cell { own, nearest, beside_missing })) = self.at(point) else {
+        let Some(Cell { own, nearest, beside_missing }) = self.at(point) else {
             return (Seen::Hidden, false);
         };
-        let seen = if own.is_finite() && f64::from(nearest) > range + margin {
-            Seen::Free
-        } else if nearest.is_infinite() {
+        let farthest = f64::from(nearest) - margin;
+        let is_behind = || farthest > 0.0 && farthest * farthest > (point - self.center).norm_squared();
+        let seen = if nearest.is_infinite() {
             Seen::Missing
+        } else if own.is_finite() && is_behind() {
+            Seen::Free
         } else {
             Seen::Hidden
         };
