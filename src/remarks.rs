@@ -29,7 +29,10 @@ pub(crate) fn remarks(
     let found = declared == Order::Auto;
     let one_view = found && visibility.is_some_and(|v| v.views() == 1);
     let aside = prepared.toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
-    let ambiguity = aside.or_else(|| ambiguity(chosen, candidates, one_view));
+    let half = (one_view && detection.order == Some(Order::Cyclic(2))).then(|| HALF_TURN.to_owned());
+    let is_discrete = matches!(detection.order, Some(Order::Cyclic(_)));
+    let rival = detection.rival.filter(|_| found && is_discrete).map(rival);
+    let ambiguity = aside.or(half).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
     let ambiguous = ambiguity.is_some();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if found {
@@ -42,6 +45,9 @@ pub(crate) fn remarks(
 
 /// Remark on an order that was found without knowing what was seen from where.
 const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
+
+/// Remark on an order of two found in one view: half of a part seldom contradicts a half turn about some axis.
+const HALF_TURN: &str = "ambiguous: one view shows too little to tell a part of order 2 from others: declare the order, or add a view";
 
 /// What the caller should know when the data says something else than the declared order.
 fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
@@ -90,6 +96,11 @@ fn side_view(axis: &Axis, toward_sensor: &Vector3<f64>) -> Option<String> {
         "ambiguous: the only view is from the side and shows too little to tell the order: declare it, or add a view"
             .to_owned()
     })
+}
+
+/// Says so when another order holds about as well about the same axis.
+fn rival(order: u32) -> String {
+    format!("ambiguous: too little is in sight to tell the order from {order}: declare it, or add a view")
 }
 
 /// Says so when another axis came out of the search that explains the data about as well, as for a cube.

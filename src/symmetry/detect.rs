@@ -75,6 +75,8 @@ impl Default for DetectParams {
 pub struct Detection {
     /// The order, or `None` when no rotation maps the part to itself.
     pub order: Option<Order>,
+    /// Another order that the data supports as well.
+    pub rival: Option<u32>,
     /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
     pub explained: f64,
     /// Share of the points that tell one angle from another.
@@ -287,6 +289,7 @@ pub fn detect_order(
     let share = structured.len() as f64 / everything.len().max(1) as f64;
     let mut detection = Detection {
         order: Some(Order::Continuous),
+        rival: None,
         explained: 1.0 - generic_all,
         structured: share,
         against: Vec::new(),
@@ -314,7 +317,13 @@ pub fn detect_order(
             && e.sum.share_against() <= floor + params.tolerance * contrast
             && e.worst <= floor + params.worst_tolerance * contrast
     };
-    let best = orders.iter().zip(&evidence).filter(|(_, e)| holds(e)).map(|(n, _)| *n).max();
+    let holding: Vec<(u32, f64)> = (orders.iter().zip(&evidence))
+        .filter(|(_, e)| holds(e))
+        .map(|(&n, e)| (n, e.sum.share_against()))
+        .collect();
+    let best = largest_group(&holding);
+    detection.rival = best.and_then(|best| rival(&holding, best, contrast));
+    let best = best.map(|(n, _)| n);
     if !sight.is_known() {
         // Anything may be hidden: no share of misses refuses an order that stands out from the generic angles.
         let stands_out =
@@ -336,6 +345,24 @@ pub fn detect_order(
         }
     }
     detection
+}
+
+/// The order of the least evidence against it, or the largest of its multiples that hold, too; each order comes with the
+/// share of the evidence against it.
+fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
+    let mut ranked = holding.to_vec();
+    ranked.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+    ranked.into_iter().reduce(|best, other| if other.0 % best.0 == 0 { other } else { best })
+}
+
+/// The largest order that holds about as well as the best one and does not follow from it: with both, the part would have
+/// that of their common multiple, which does not hold. Too little is in sight then to tell them apart.
+fn rival(holding: &[(u32, f64)], best: (u32, f64), contrast: f64) -> Option<u32> {
+    /// Share of the contrast between matching and generic angles by which the evidence may differ.
+    const AS_WELL: f64 = 0.05;
+    let others =
+        holding.iter().filter(|(n, against)| best.0 % n != 0 && *against <= best.1 + AS_WELL * contrast);
+    others.map(|(n, _)| *n).max()
 }
 
 /// Share of the points whose normal does not meet the axis; those of a surface of revolution all do.
