@@ -120,33 +120,24 @@ fn check(points: &[[f64; 3]], params: &PlaneParams) -> Result<()> {
     Ok(())
 }
 
-/// Points on which hypotheses are compared, coordinate by coordinate and in single precision: four at a time.
-struct Sample {
-    reference: Vector3<f64>,
-    coordinates: [Vec<f32>; 3],
-}
+/// Points on which hypotheses are compared, coordinate by coordinate, so that several are judged at a time.
+struct Sample([Vec<f64>; 3]);
 
 impl Sample {
     fn new(points: &[[f64; 3]], chosen: &[usize]) -> Self {
-        // Far from the origin the last digits would be lost.
-        let reference = points[chosen[0]];
-        let along =
-            |axis: usize| chosen.iter().map(|&i| (points[i][axis] - reference[axis]) as f32).collect();
-        Self { reference: reference.into(), coordinates: [0, 1, 2].map(along) }
+        Self([0, 1, 2].map(|axis| chosen.iter().map(|&i| points[i][axis]).collect()))
     }
 
     fn len(&self) -> usize {
-        self.coordinates[0].len()
+        self.0[0].len()
     }
 
-    /// Points within `distance` of a plane, but for rounding.
+    /// Points within `distance` of a plane.
     fn count(&self, plane: &HalfSpace, distance: f64) -> usize {
-        let [a, b, c]: [f32; 3] = plane.normal.map(|x| x as f32).into();
-        let (d, distance) = (plane.distance(&self.reference.into()) as f32, distance as f32);
-        let [x, y, z] = &self.coordinates;
+        let [x, y, z] = &self.0;
         let near =
-            |((x, y), z): ((&f32, &f32), &f32)| u32::from((a * x + b * y + c * z + d).abs() <= distance);
-        x.iter().zip(y).zip(z).map(near).sum::<u32>() as usize
+            |((x, y), z): ((&f64, &f64), &f64)| u64::from(plane.distance(&[*x, *y, *z]).abs() <= distance);
+        x.iter().zip(y).zip(z).map(near).sum::<u64>() as usize
     }
 }
 

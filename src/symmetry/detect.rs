@@ -381,3 +381,24 @@ fn twisted(axis: &Axis, survey: &Samples) -> f64 {
 fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn divisors_give_way_to_the_whole_group() {
+        let holding = [(2, 0.010), (3, 0.012), (4, 0.009), (6, 0.013), (12, 0.012)];
+        assert_eq!(largest_group(&holding), Some((12, 0.012)));
+        assert_eq!(rival(&holding, (12, 0.012), 0.9), None);
+    }
+
+    #[test]
+    fn an_order_that_does_not_follow_from_the_best_one_is_a_rival() {
+        assert_eq!(largest_group(&[(6, 0.0), (7, 0.03)]), Some((6, 0.0)));
+        assert_eq!(rival(&[(6, 0.0), (7, 0.03)], (6, 0.0), 0.4), None);
+        let little_in_sight = [(2, 0.0), (3, 0.0), (4, 0.0), (8, 0.0), (9, 0.0), (24, 0.0), (31, 0.01)];
+        assert_eq!(largest_group(&little_in_sight), Some((24, 0.0)));
+        assert_eq!(rival(&little_in_sight, (24, 0.0), 0.13), Some(9));
+    }
+}

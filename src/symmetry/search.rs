@@ -174,7 +174,7 @@ fn across(found: &[Found]) -> Vec<Axis> {
 fn centered(found: &[Found], surface: &Surface) -> Vec<Axis> {
     /// Directions that are tried.
     const TRIED: usize = 6;
-    /// Angle between them [rad].
+    /// Angle between them \[rad\].
     const APART: f64 = 0.05;
     /// Points of the outline.
     const OUTLINE: usize = 2000;
