@@ -254,11 +254,23 @@ impl Estimator {
     fn settle(&self, prepared: &Prepared, candidates: &[Found], control: &Control) -> Result<Settled> {
         /// Candidates that are refined before the search is given up.
         const TRIED: usize = 3;
+        /// Angle between axes that are alike \[rad\].
+        const ALIKE: f64 = 0.02;
         let surface = &prepared.surface;
         let declared = self.config.order;
         let mut refusal = None;
         let mut best: Option<Settled> = None;
-        for candidate in candidates.iter().take(TRIED) {
+        let mut refused: Vec<&Found> = Vec::new();
+        let mut tried = 0;
+        for candidate in candidates {
+            // What was refused once is not tried again a little beside.
+            let alike = |f: &&Found| {
+                f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < ALIKE
+            };
+            if tried == TRIED || refused.iter().any(alike) {
+                continue;
+            }
+            tried += 1;
             // Where no order is known yet, turns of the continuous group align whatever there is.
             let start = candidate.order.unwrap_or(Order::Continuous);
             let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
@@ -266,6 +278,7 @@ impl Estimator {
             let order = if declared == Order::Auto { detection.order } else { Some(declared) };
             let Some(order) = order else {
                 refusal.get_or_insert((refined.axis, detection));
+                refused.push(candidate);
                 continue;
             };
             if order != start {
