@@ -103,7 +103,9 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.begin("outliers")?;
     let tree = KdTree::new(&grid.points)?;
     let (least, outliers) = if layered {
-        (in_one_layer(config.normals.k), outliers_in_one_layer(&config.outliers))
+        let fullness = part.points.len() as f64 / grid.points.len() as f64;
+        let has_gaps = fullness < SPARSE && part.places.len() > 1;
+        (in_one_layer(config.normals.k), outliers_in_one_layer(&config.outliers, has_gaps))
     } else {
         (config.normals.k, config.outliers.clone())
     };
@@ -390,14 +392,19 @@ fn in_one_layer(k: usize) -> usize {
     (3 * k / 5).max(k.min(3))
 }
 
+/// Points in a voxel, on average, below which many voxels of the surface have none where several views fall at random on one
+/// another; those of one view lie in even rows.
+const SPARSE: f64 = 1.6;
+
 /// Limits that tell as much where the layers of a surface are joined as `params` do otherwise.
-fn outliers_in_one_layer(params: &OutlierParams) -> OutlierParams {
+fn outliers_in_one_layer(params: &OutlierParams, has_gaps: bool) -> OutlierParams {
     /// Its points are as far from each other as voxels are, but strays in space are as far as ever.
     const CLOSER: f64 = 0.75;
+    let closer = if has_gaps { 1.0 } else { CLOSER };
     OutlierParams {
         k: in_one_layer(params.k).max(params.min_neighbors + 1),
-        radius: CLOSER * params.radius,
-        scattered: params.scattered.map(|limit| CLOSER * limit),
+        radius: closer * params.radius,
+        scattered: params.scattered.map(|limit| closer * limit),
         ..params.clone()
     }
 }

@@ -352,7 +352,7 @@ pub fn detect_order(
 fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
     let mut ranked = holding.to_vec();
     ranked.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
-    ranked.into_iter().reduce(|best, other| if other.0 % best.0 == 0 { other } else { best })
+    ranked.into_iter().reduce(|best, other| if other.0.is_multiple_of(best.0) { other } else { best })
 }
 
 /// The largest order that holds about as well as the best one and does not follow from it: with both, the part would have
@@ -360,8 +360,9 @@ fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
 fn rival(holding: &[(u32, f64)], best: (u32, f64), contrast: f64) -> Option<u32> {
     /// Share of the contrast between matching and generic angles by which the evidence may differ.
     const AS_WELL: f64 = 0.05;
-    let others =
-        holding.iter().filter(|(n, against)| best.0 % n != 0 && *against <= best.1 + AS_WELL * contrast);
+    let others = holding
+        .iter()
+        .filter(|(n, against)| !best.0.is_multiple_of(*n) && *against <= best.1 + AS_WELL * contrast);
     others.map(|(n, _)| *n).max()
 }
 

@@ -118,3 +118,10 @@ def test_a_sector_that_a_camera_saw_through_is_empty() -> None:
     # A flat part that misses a quarter still looks the same after half a turn about the bisector.
     with contextlib.suppress(sympose.NoSymmetryError):
         assert sympose.estimate(points, viewpoints=viewpoints).order == 2
+
+
+def test_a_coarse_camera_leaves_gaps_but_the_order_is_found() -> None:
+    scanned = scan(part("impeller_9"), "sphere", views=5, seed=1, low_resolution=True)
+    found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
+    assert found.order == 9
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.05))
