@@ -2,20 +2,21 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::cloud::PointCloud;
 use crate::config::Config;
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
+use crate::frames::{height_over, place, plane_in_world};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
 use crate::remarks::{Remarks, remarks};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
-use crate::symmetry::complete::{axis_frame, complete};
+use crate::symmetry::complete::complete;
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::fold::fold;
@@ -436,32 +437,6 @@ fn register(
     Ok(Framed { local_from_object, covariance, unobservable })
 }
 
-/// The pose on `axis`; of the equivalent ones the one nearest in rotation to `preferred`, if there is one.
-fn place(
-    axis: &Axis,
-    height: f64,
-    heading: f64,
-    order: Order,
-    preferred: Option<Isometry3<f64>>,
-) -> Isometry3<f64> {
-    let pose = |angle: f64| {
-        let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
-        axis_frame(axis) * Isometry3::from_parts(Vector3::new(0.0, 0.0, height).into(), about_axis)
-    };
-    let Some(preferred) = preferred else { return pose(heading) };
-    let (steps, start) = match order {
-        Order::Cyclic(n) => (n, heading),
-        _ => {
-            // Any angle will do: turn +x as near to the preferred +x as it gets.
-            let x = axis_frame(axis).inverse() * (preferred * Vector3::x());
-            (1, x.y.atan2(x.x))
-        }
-    };
-    let angles = (0..steps).map(|k| start + std::f64::consts::TAU * f64::from(k) / f64::from(steps));
-    let away = |angle: &f64| pose(*angle).rotation.angle_to(&preferred.rotation);
-    pose(angles.min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(heading))
-}
-
 fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
     let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
     let hint =
@@ -498,16 +473,4 @@ fn displaced(points: &[Vector3<f64>], found: &Refined) -> Vec<Vector3<f64>> {
         return points.to_vec();
     }
     points.iter().zip(&found.offsets).map(|(p, offset)| p + offset).collect()
-}
-
-/// Height above the point of the axis at which it meets a plane; `None` when it runs along the plane.
-fn height_over(axis: &Axis, [x, y, z, d]: [f64; 4]) -> Option<f64> {
-    let normal = Vector3::new(x, y, z);
-    let cosine = normal.dot(&axis.direction);
-    (cosine.abs() > 0.1).then(|| -(normal.dot(&axis.point) + d) / cosine)
-}
-
-fn plane_in_world([x, y, z, d]: [f64; 4], world_from_local: &Isometry3<f64>) -> [f64; 4] {
-    let normal = world_from_local * Vector3::new(x, y, z);
-    [normal.x, normal.y, normal.z, d - normal.dot(&world_from_local.translation.vector)]
 }

@@ -61,6 +61,7 @@ pub mod config;
 pub mod control;
 pub mod error;
 pub mod estimate;
+mod frames;
 #[cfg(feature = "io")]
 pub mod io;
 pub mod metrics;

@@ -30,8 +30,7 @@ pub(crate) fn remarks(
     let one_view = found && visibility.is_some_and(|v| v.views() == 1);
     let aside = prepared.toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
     let half = (one_view && detection.order == Some(Order::Cyclic(2))).then(|| HALF_TURN.to_owned());
-    let is_discrete = matches!(detection.order, Some(Order::Cyclic(_)));
-    let rival = detection.rival.filter(|_| found && is_discrete).map(rival);
+    let rival = detection.rival.filter(|_| found).map(rival);
     let ambiguity = aside.or(half).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
     let ambiguous = ambiguity.is_some();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();

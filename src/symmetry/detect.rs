@@ -75,7 +75,7 @@ impl Default for DetectParams {
 pub struct Detection {
     /// The order, or `None` when no rotation maps the part to itself.
     pub order: Option<Order>,
-    /// Another order that the data supports as well.
+    /// Beside a discrete order another one that the data supports as well.
     pub rival: Option<u32>,
     /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
     pub explained: f64,
@@ -322,19 +322,20 @@ pub fn detect_order(
         .map(|(&n, e)| (n, e.sum.share_against()))
         .collect();
     let best = largest_group(&holding);
-    detection.rival = best.and_then(|best| rival(&holding, best, contrast));
-    let best = best.map(|(n, _)| n);
     if !sight.is_known() {
         // Anything may be hidden: no share of misses refuses an order that stands out from the generic angles.
         let stands_out =
             floor < params.unseen_refused && contrast > params.unseen_contrast * detection.generic;
-        detection.order = best.filter(|_| stands_out).map(Order::Cyclic);
+        let best = best.filter(|_| stands_out);
+        detection.order = best.map(|(n, _)| Order::Cyclic(n));
+        detection.rival = best.and_then(|best| rival(&holding, best, contrast));
         detection.explained = 1.0 - share * floor;
         return detection;
     }
     match best {
-        Some(n) if floor < params.refused && contrast > params.structured => {
-            detection.explained = 1.0 - share * sweep.order(n, &structured).sum.share_against();
+        Some((n, against)) if floor < params.refused && contrast > params.structured => {
+            detection.explained = 1.0 - share * against;
+            detection.rival = rival(&holding, (n, against), contrast);
             detection.order = (detection.explained >= params.explained).then_some(Order::Cyclic(n));
         }
         // What structure there is fits no order: a dent or a seam on a surface of revolution, or no symmetry at all.
