@@ -29,7 +29,7 @@ pub(crate) fn remarks(
     let found = declared == Order::Auto;
     let one_view = found && visibility.is_some_and(|v| v.views() == 1);
     let aside = prepared.toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
-    let half = (one_view && detection.order == Some(Order::Cyclic(2))).then(|| HALF_TURN.to_owned());
+    let half = half_turn(detection, one_view, !prepared.surface.oriented).filter(|_| found);
     let rival = detection.rival.filter(|_| found).map(rival);
     let ambiguity = aside.or(half).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
     let ambiguous = ambiguity.is_some();
@@ -45,8 +45,29 @@ pub(crate) fn remarks(
 /// Remark on an order that was found without knowing what was seen from where.
 const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
 
-/// Remark on an order of two found in one view: half of a part seldom contradicts a half turn about some axis.
-const HALF_TURN: &str = "ambiguous: one view shows too little to tell a part of order 2 from others: declare the order, or add a view";
+/// Says so when an order of two was found where little could contradict it: half of a part, as `one_view` shows it, seldom
+/// contradicts a half turn about some axis, and nothing does where it is `unknown` what was seen.
+fn half_turn(detection: &Detection, one_view: bool, unknown: bool) -> Option<String> {
+    /// Share of the observed surface that a half turn must map to itself where no viewpoint is known.
+    const MAPPED: f64 = 0.9;
+    if detection.order != Some(Order::Cyclic(2)) {
+        return None;
+    }
+    if one_view {
+        return Some(
+            "ambiguous: one view shows too little to tell a part of order 2 from others: declare the order, or add a \
+             view"
+                .to_owned(),
+        );
+    }
+    (unknown && detection.explained < MAPPED).then(|| {
+        let percent = 100.0 * (1.0 - detection.explained);
+        format!(
+            "ambiguous: a half turn brings {percent:.0} % of the surface to where nothing was measured: give the \
+             viewpoints, or declare the order"
+        )
+    })
+}
 
 /// What the caller should know when the data says something else than the declared order.
 fn order_warning(declared: Order, detection: &Detection) -> Option<String> {

@@ -3,7 +3,7 @@
 //! A surface of revolution matches itself at any angle and says nothing about the order: on a rim the barrel would drown
 //! the spokes. So only *structured* points are asked: those that some rotation turns into a place seen to be empty.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -11,9 +11,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
-use crate::symmetry::score::{MISSING, Outcome, outcome};
+use crate::symmetry::peaks::order_from_peaks;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::sweep::{OrderEvidence, Sweep};
 
 /// How the order is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,10 +44,15 @@ pub struct DetectParams {
     pub explained_seamed: f64,
     /// The same as `refused` where no viewpoint is known.
     pub unseen_refused: f64,
-    /// Contrast between the best order and generic angles, at least, where no viewpoint is known [share of the latter].
-    pub unseen_contrast: f64,
+    /// The same for a half turn, which brings many a part without symmetry near itself.
+    pub unseen_refused_half: f64,
+    /// By how much, at least, the matches at an order exceed those at the angles around, where no viewpoint is known [share
+    /// of the latter].
+    pub unseen_gain: f64,
     /// Share of normals that do not meet the axis below which a surface is one of revolution, no viewpoint being known.
     pub twisted: f64,
+    /// Gain times share of structured points from which on it is not.
+    pub unseen_gain_round: f64,
 }
 
 impl Default for DetectParams {
@@ -63,9 +69,11 @@ impl Default for DetectParams {
             refused: 0.09,
             explained: 0.97,
             explained_seamed: 0.985,
-            unseen_refused: 0.35,
-            unseen_contrast: 0.3,
+            unseen_refused: 0.5,
+            unseen_refused_half: 0.25,
+            unseen_gain: 0.06,
             twisted: 0.04,
+            unseen_gain_round: 0.015,
         }
     }
 }
@@ -85,141 +93,6 @@ pub struct Detection {
     pub against: Vec<f64>,
     /// Evidence against a generic angle, on structured points, in [0, 1].
     pub generic: f64,
-}
-
-/// Evidence gathered at some angles: weights for and against.
-#[derive(Debug, Clone, Copy, Default)]
-struct Tally {
-    agreeing: f64,
-    contradicted: f64,
-    missing: f64,
-}
-
-impl Tally {
-    fn add(&mut self, outcome: Outcome) {
-        match outcome {
-            Outcome::Matched => self.agreeing += 1.0,
-            Outcome::Contradicted => self.contradicted += 1.0,
-            Outcome::Missing => self.missing += MISSING,
-            Outcome::Hidden => {}
-        }
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.agreeing += other.agreeing;
-        self.contradicted += other.contradicted;
-        self.missing += other.missing;
-    }
-
-    fn against(&self) -> f64 {
-        self.contradicted + self.missing
-    }
-
-    /// All that says anything.
-    fn total(&self) -> f64 {
-        self.agreeing + self.against()
-    }
-
-    /// Share of the evidence that speaks against; 1 when there is none for it.
-    fn share_against(&self) -> f64 {
-        let total = self.total();
-        if total > 0.0 { self.against() / total } else { 1.0 }
-    }
-}
-
-/// What speaks for and against one order.
-#[derive(Debug, Clone, Copy, Default)]
-struct OrderEvidence {
-    /// Over all multiples.
-    sum: Tally,
-    /// Largest share against a multiple.
-    worst: f64,
-    /// Matches at the multiples that no divisor shares, against those at the best multiple: where they fall out of sight
-    /// an order has only its divisors to speak for it.
-    support: f64,
-}
-
-/// Outcomes of every sample at every fraction of a turn k/n up to one half, n up to some largest order.
-struct Sweep {
-    fractions: Vec<(u32, u32)>,
-    row_of: HashMap<(u32, u32), usize>,
-    outcomes: Vec<Vec<Outcome>>,
-}
-
-impl Sweep {
-    fn new(
-        surface: &Surface,
-        samples: &Samples,
-        axis: &Axis,
-        max_order: u32,
-        gate: Gate,
-        sight: Sight<'_>,
-    ) -> Self {
-        let fractions: Vec<(u32, u32)> = (2..=max_order)
-            .flat_map(|n| (1..=n / 2).map(move |k| (k, n)))
-            .filter(|&(k, n)| gcd(k, n) == 1)
-            .collect();
-        let outcomes = fractions
-            .par_iter()
-            .map(|&(k, n)| {
-                let turn = axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
-                let rotated = samples.points.iter().zip(&samples.normals);
-                rotated.map(|(p, normal)| outcome(surface, p, normal, &turn, gate, sight)).collect()
-            })
-            .collect();
-        let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
-        Self { fractions, row_of, outcomes }
-    }
-
-    /// Evidence at k/n over the chosen samples.
-    fn tally(&self, k: u32, n: u32, chosen: &[usize]) -> Tally {
-        let divisor = gcd(k, n);
-        let reduced = (k / divisor, n / divisor);
-        let mut tally = Tally::default();
-        if let Some(&row) = self.row_of.get(&reduced) {
-            for &i in chosen {
-                tally.add(self.outcomes[row][i]);
-            }
-        }
-        tally
-    }
-
-    /// Evidence at all multiples of 1/n.
-    fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
-        /// A multiple with less evidence than this decides nothing alone.
-        const ENOUGH: f64 = 10.0;
-        let mut evidence = OrderEvidence::default();
-        let mut most_agreeing = f64::MIN_POSITIVE;
-        let mut primitive = (0.0, 0.0);
-        for k in 1..=n / 2 {
-            let tally = self.tally(k, n, chosen);
-            if tally.total() >= ENOUGH {
-                evidence.worst = evidence.worst.max(tally.share_against());
-            }
-            most_agreeing = most_agreeing.max(tally.agreeing);
-            if gcd(k, n) == 1 {
-                primitive.0 += tally.agreeing;
-                primitive.1 += 1.0;
-            }
-            evidence.sum.merge(&tally);
-        }
-        evidence.support = primitive.0 / f64::max(primitive.1, 1.0) / most_agreeing;
-        evidence
-    }
-
-    /// Evidence at generic angles: fractions of a large denominator, which few orders share.
-    fn generic(&self, chosen: &[usize]) -> Tally {
-        let largest = self.fractions.last().map_or(2, |&(_, n)| n);
-        let mut sum = Tally::default();
-        for (row, &(_, n)) in self.fractions.iter().enumerate() {
-            if 3 * n > 2 * largest {
-                for &i in chosen {
-                    sum.add(self.outcomes[row][i]);
-                }
-            }
-        }
-        sum
-    }
 }
 
 /// Largest order of the sweep that finds the structured rings.
@@ -300,9 +173,6 @@ pub fn detect_order(
         detection.order = detection.order.filter(|_| detection.explained >= params.explained);
         return detection;
     }
-    if !sight.is_known() && twisted(axis, &survey) < params.twisted {
-        return detection;
-    }
     let samples = structured_rings(surface, axis, &survey, &structured, params.ring_samples);
     let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, sight);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
@@ -311,6 +181,22 @@ pub fn detect_order(
     detection.against = evidence.iter().map(|e| e.sum.share_against()).collect();
     detection.generic = sweep.generic(&structured).share_against();
     let floor = detection.against.iter().copied().fold(f64::INFINITY, f64::min);
+    if !sight.is_known() {
+        // Anything may be hidden: no share of misses refuses an order that stands out from the angles around it.
+        let is_round = twisted(axis, &survey) < params.twisted;
+        let found = order_from_peaks(&sweep, &structured, &detection.against, params)
+            .filter(|found| !is_round || found.order > 2 && share * found.gain > params.unseen_gain_round);
+        match found {
+            Some(found) => {
+                detection.order = Some(Order::Cyclic(found.order));
+                detection.rival = found.rival;
+            }
+            None if is_round => return detection,
+            None => detection.order = None,
+        }
+        detection.explained = 1.0 - share * floor;
+        return detection;
+    }
     let contrast = detection.generic - floor;
     let holds = |e: &OrderEvidence| {
         e.support >= params.support
@@ -322,16 +208,6 @@ pub fn detect_order(
         .map(|(&n, e)| (n, e.sum.share_against()))
         .collect();
     let best = largest_group(&holding);
-    if !sight.is_known() {
-        // Anything may be hidden: no share of misses refuses an order that stands out from the generic angles.
-        let stands_out =
-            floor < params.unseen_refused && contrast > params.unseen_contrast * detection.generic;
-        let best = best.filter(|_| stands_out);
-        detection.order = best.map(|(n, _)| Order::Cyclic(n));
-        detection.rival = best.and_then(|best| rival(&holding, best, contrast));
-        detection.explained = 1.0 - share * floor;
-        return detection;
-    }
     match best {
         Some((n, against)) if floor < params.refused && contrast > params.structured => {
             detection.explained = 1.0 - share * against;
@@ -350,7 +226,7 @@ pub fn detect_order(
 
 /// The order of the least evidence against it, or the largest of its multiples that hold, too; each order comes with the
 /// share of the evidence against it.
-fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
+pub(crate) fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
     let mut ranked = holding.to_vec();
     ranked.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     ranked.into_iter().reduce(|best, other| if other.0.is_multiple_of(best.0) { other } else { best })
@@ -358,7 +234,7 @@ fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
 
 /// The largest order that holds about as well as the best one and does not follow from it: with both, the part would have
 /// that of their common multiple, which does not hold. Too little is in sight then to tell them apart.
-fn rival(holding: &[(u32, f64)], best: (u32, f64), contrast: f64) -> Option<u32> {
+pub(crate) fn rival(holding: &[(u32, f64)], best: (u32, f64), contrast: f64) -> Option<u32> {
     /// Share of the contrast between matching and generic angles by which the evidence may differ.
     const AS_WELL: f64 = 0.05;
     let others = holding
@@ -378,10 +254,6 @@ fn twisted(axis: &Axis, survey: &Samples) -> f64 {
     };
     let count = survey.points.iter().zip(&survey.normals).filter(|row| aside(*row)).count();
     count as f64 / survey.points.len().max(1) as f64
-}
-
-fn gcd(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 #[cfg(test)]

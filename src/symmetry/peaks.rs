@@ -1,0 +1,71 @@
+//! The order where no viewpoint is known, so that hidden surface looks like missing surface.
+//!
+//! The share of points that match themselves falls with everything that nobody saw. At a symmetry that share is the one of the
+//! surface that was seen at both places, v; at the angles beside it, of the same overlap, structured points miss, and it is
+//! v (1 - c). Their ratio knows nothing of v: an order is where the matches stand out from those around.
+
+use crate::symmetry::detect::{DetectParams, largest_group, rival};
+use crate::symmetry::sweep::{Sweep, fraction, gcd};
+
+/// An order that stands out.
+pub(crate) struct Standing {
+    /// The order.
+    pub order: u32,
+    /// Another one that stands out as well.
+    pub rival: Option<u32>,
+    /// By how much the matches at the angles that no divisor shares exceed those around [share of the latter].
+    pub gain: f64,
+}
+
+/// The order of the `chosen` samples and its rival, if any; `against` has the share of the evidence against each order from 2
+/// on. `None` where none stands out.
+pub(crate) fn order_from_peaks(
+    sweep: &Sweep,
+    chosen: &[usize],
+    against: &[f64],
+    params: &DetectParams,
+) -> Option<Standing> {
+    /// A single multiple may stand out by this share of what is asked of all.
+    const LEAST: f64 = 0.5;
+    let peaks = sweep.peaks(chosen);
+    let gain = |k: u32, n: u32| {
+        let peak = peaks[&fraction(k, n)];
+        peak.matched / peak.expected - 1.0
+    };
+    let own_gain = |n: u32| {
+        let own: Vec<f64> = (1..=n / 2).filter(|&k| gcd(k, n) == 1).map(|k| gain(k, n)).collect();
+        own.iter().sum::<f64>() / own.len() as f64
+    };
+    let stands_out = |n: u32| {
+        let refused = if n == 2 { params.unseen_refused_half } else { params.unseen_refused };
+        against[n as usize - 2] < refused
+            && own_gain(n) > params.unseen_gain
+            && (1..=n / 2).all(|k| gain(k, n) > LEAST * params.unseen_gain)
+    };
+    let with_evidence = |n: u32| (n, against[n as usize - 2]);
+    let standing: Vec<(u32, f64)> =
+        (2..=params.max_order).filter(|&n| stands_out(n)).map(with_evidence).collect();
+    let &(best, floor) = standing.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    // The matches at a multiple of the best order must be those at that order.
+    let follows = |n: u32| {
+        /// Share of the height of the peaks beside that the least of the new ones must have.
+        const LOWEST: f64 = 0.5;
+        // A half turn alone says little of the height at other angles.
+        let mean = if best == 2 { 0.6 } else { 0.75 };
+        let heights = (1..=n / 2).filter(|&k| k * best % n != 0).map(|k| {
+            let beside = [k * best / n, k * best / n + 1].into_iter().filter(|j| j % best != 0);
+            let beside: Vec<f64> = beside.map(|j| peaks[&fraction(j, best)].matched).collect();
+            let peak = peaks[&fraction(k, n)];
+            let full = beside.iter().sum::<f64>() / beside.len() as f64 - peak.expected;
+            if full > 0.0 { (peak.matched - peak.expected) / full } else { 1.0 }
+        });
+        let heights: Vec<f64> = heights.collect();
+        heights.iter().sum::<f64>() >= mean * heights.len() as f64
+            && heights.iter().all(|height| *height >= LOWEST)
+    };
+    let holding: Vec<(u32, f64)> =
+        standing.into_iter().filter(|(n, _)| *n == best || !n.is_multiple_of(best) || follows(*n)).collect();
+    let order = largest_group(&holding)?;
+    let rival = rival(&holding, order, params.unseen_gain * floor);
+    Some(Standing { order: order.0, rival, gain: own_gain(order.0) })
+}

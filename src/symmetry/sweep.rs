@@ -1,0 +1,188 @@
+//! What rotated points meet at every multiple of every order, and at the angles between.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use crate::symmetry::axis::Axis;
+use crate::symmetry::score::{MISSING, Outcome, outcome};
+use crate::symmetry::sight::Sight;
+use crate::symmetry::surface::{Gate, Samples, Surface};
+
+/// Evidence gathered at some angles: weights for and against.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Tally {
+    pub agreeing: f64,
+    pub contradicted: f64,
+    pub missing: f64,
+}
+
+impl Tally {
+    fn add(&mut self, outcome: Outcome) {
+        match outcome {
+            Outcome::Matched => self.agreeing += 1.0,
+            Outcome::Contradicted => self.contradicted += 1.0,
+            Outcome::Missing => self.missing += MISSING,
+            Outcome::Hidden => {}
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.agreeing += other.agreeing;
+        self.contradicted += other.contradicted;
+        self.missing += other.missing;
+    }
+
+    pub fn against(&self) -> f64 {
+        self.contradicted + self.missing
+    }
+
+    /// All that says anything.
+    fn total(&self) -> f64 {
+        self.agreeing + self.against()
+    }
+
+    /// Share of the evidence that speaks against; 1 when there is none for it.
+    pub fn share_against(&self) -> f64 {
+        let total = self.total();
+        if total > 0.0 { self.against() / total } else { 1.0 }
+    }
+}
+
+/// What speaks for and against one order.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct OrderEvidence {
+    /// Over all multiples.
+    pub sum: Tally,
+    /// Largest share against a multiple.
+    pub worst: f64,
+    /// Matches at the multiples that no divisor shares, against those at the best multiple: where they fall out of sight
+    /// an order has only its divisors to speak for it.
+    pub support: f64,
+}
+
+/// Outcomes of every sample at every fraction of a turn k/n up to one half, n up to some largest order.
+pub(crate) struct Sweep {
+    fractions: Vec<(u32, u32)>,
+    row_of: HashMap<(u32, u32), usize>,
+    outcomes: Vec<Vec<Outcome>>,
+}
+
+impl Sweep {
+    pub fn new(
+        surface: &Surface,
+        samples: &Samples,
+        axis: &Axis,
+        max_order: u32,
+        gate: Gate,
+        sight: Sight<'_>,
+    ) -> Self {
+        let fractions: Vec<(u32, u32)> = (2..=max_order)
+            .flat_map(|n| (1..=n / 2).map(move |k| (k, n)))
+            .filter(|&(k, n)| gcd(k, n) == 1)
+            .collect();
+        let outcomes = fractions
+            .par_iter()
+            .map(|&(k, n)| {
+                let turn = axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
+                let rotated = samples.points.iter().zip(&samples.normals);
+                rotated.map(|(p, normal)| outcome(surface, p, normal, &turn, gate, sight)).collect()
+            })
+            .collect();
+        let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
+        Self { fractions, row_of, outcomes }
+    }
+
+    /// Evidence at k/n over the chosen samples.
+    fn tally(&self, k: u32, n: u32, chosen: &[usize]) -> Tally {
+        let mut tally = Tally::default();
+        if let Some(&row) = self.row_of.get(&fraction(k, n)) {
+            for &i in chosen {
+                tally.add(self.outcomes[row][i]);
+            }
+        }
+        tally
+    }
+
+    /// Evidence at all multiples of 1/n.
+    pub fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
+        /// A multiple with less evidence than this decides nothing alone.
+        const ENOUGH: f64 = 10.0;
+        let mut evidence = OrderEvidence::default();
+        let mut most_agreeing = f64::MIN_POSITIVE;
+        let mut primitive = (0.0, 0.0);
+        for k in 1..=n / 2 {
+            let tally = self.tally(k, n, chosen);
+            if tally.total() >= ENOUGH {
+                evidence.worst = evidence.worst.max(tally.share_against());
+            }
+            most_agreeing = most_agreeing.max(tally.agreeing);
+            if gcd(k, n) == 1 {
+                primitive.0 += tally.agreeing;
+                primitive.1 += 1.0;
+            }
+            evidence.sum.merge(&tally);
+        }
+        evidence.support = primitive.0 / f64::max(primitive.1, 1.0) / most_agreeing;
+        evidence
+    }
+
+    /// Evidence at generic angles.
+    pub fn generic(&self, chosen: &[usize]) -> Tally {
+        let mut sum = Tally::default();
+        for row in self.generic_rows() {
+            for &i in chosen {
+                sum.add(self.outcomes[row][i]);
+            }
+        }
+        sum
+    }
+
+    /// For each fraction the matches of the chosen samples, and those that the generic angles around it let expect.
+    pub fn peaks(&self, chosen: &[usize]) -> HashMap<(u32, u32), Peak> {
+        /// Distance at which an angle is no longer around [turns].
+        const AROUND: f64 = 0.05;
+        let turn = |(k, n): (u32, u32)| f64::from(k) / f64::from(n);
+        let matched = |row: usize| {
+            let matches = chosen.iter().filter(|&&i| self.outcomes[row][i] == Outcome::Matched);
+            matches.count() as f64
+        };
+        let generic: Vec<(f64, f64)> =
+            self.generic_rows().map(|row| (turn(self.fractions[row]), matched(row))).collect();
+        let expected = |at: f64| {
+            let weight = |angle: f64| f64::max(1.0 - (angle - at).abs() / AROUND, 0.0);
+            let total: f64 = generic.iter().map(|(angle, _)| weight(*angle)).sum();
+            generic.iter().map(|(angle, matched)| weight(*angle) * matched).sum::<f64>() / total
+        };
+        let peak = |(row, &fraction): (usize, &(u32, u32))| {
+            (fraction, Peak { matched: matched(row), expected: expected(turn(fraction)) })
+        };
+        self.fractions.iter().enumerate().map(peak).collect()
+    }
+
+    /// Rows of generic angles: fractions of a large denominator, which few orders share.
+    fn generic_rows(&self) -> impl Iterator<Item = usize> {
+        let largest = self.fractions.last().map_or(2, |&(_, n)| n);
+        (0..self.fractions.len()).filter(move |&row| 3 * self.fractions[row].1 > 2 * largest)
+    }
+}
+
+/// Matches at one angle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Peak {
+    /// Samples that matched \[count\].
+    pub matched: f64,
+    /// The same at the generic angles around \[count\].
+    pub expected: f64,
+}
+
+/// `k / n` of a turn as the fraction up to one half that means the same but for the sense, in lowest terms.
+pub(crate) fn fraction(k: u32, n: u32) -> (u32, u32) {
+    let k = (k % n).min(n - k % n);
+    let divisor = gcd(k, n);
+    (k / divisor, n / divisor)
+}
+
+pub(crate) fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
