@@ -15,7 +15,6 @@ use crate::preprocess::{
 use crate::spatial::KdTree;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
-use crate::symmetry::order::Order;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::visibility::Visibility;
@@ -88,10 +87,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     let layered = oriented && config.smoothing.join_layers;
     let voxel_size = match config.voxel_size {
         Some(size) => size,
-        // The limits by which an order is judged hold for the coarser voxels.
-        None if oriented || config.order == Order::Auto => {
-            default_voxel(&part.points, diameter, if layered { LAYERED } else { COARSE })?
-        }
+        None if oriented => default_voxel(&part.points, diameter, if layered { LAYERED } else { COARSE })?,
         None => default_voxel(&part.points, diameter, FINE)?,
     };
     let downsample = if layered { voxel_layers } else { voxel_downsample };

@@ -331,9 +331,35 @@ fn the_pose_of_the_bundled_scan() {
 }
 
 #[test]
+fn the_order_is_found_without_viewpoints() {
+    // The file holds none: what was hidden looks like what is missing.
+    let (code, out, err) = sympose(&["estimate", HUB, "--json", "-", "--quiet"]);
+    assert_eq!((code, err.as_str()), (0, ""), "{out}");
+    let estimate: Estimate = serde_json::from_str(&out).unwrap();
+    check_hub(&estimate);
+    assert!(estimate.warnings.iter().any(|warning| warning.contains("without viewpoints")));
+}
+
+#[test]
 fn an_order_that_the_scan_does_not_show_is_not_made_up() {
-    // The file holds no viewpoint: what was hidden looks like what is missing.
-    let (code, out, err) = sympose(&["estimate", HUB, "--json", "-"]);
+    // A box with three different edges, one of its faces sloping, and a boss in one corner.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.xyz");
+    let mut lines = String::new();
+    for i in 0..3600 {
+        let (u, v) = (f64::from(i % 60) / 59.0, f64::from(i / 60) / 59.0);
+        for [x, y, z] in [
+            [u, 0.6 * v, 0.0],
+            [u, 0.0, 0.25 * v],
+            [0.0, 0.6 * u, 0.25 * v],
+            [u, 0.6, 0.25 * v * (1.0 - 0.8 * u)],
+            [0.7 + 0.2 * u, 0.1 + 0.2 * v, 0.35],
+        ] {
+            lines += &format!("{x} {y} {z}\n");
+        }
+    }
+    std::fs::write(&path, lines).unwrap();
+    let (code, out, err) = sympose(&["estimate", path.to_str().unwrap(), "--json", "-"]);
     assert_eq!(code, 1, "{out}");
     assert!(err.contains("viewpoint or the order"), "{err}");
     let refusal: serde_json::Value = serde_json::from_str(&out).unwrap();

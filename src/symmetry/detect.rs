@@ -226,7 +226,7 @@ pub fn detect_order(
 
 /// The order of the least evidence against it, or the largest of its multiples that hold, too; each order comes with the
 /// share of the evidence against it.
-pub(crate) fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
+fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
     let mut ranked = holding.to_vec();
     ranked.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     ranked.into_iter().reduce(|best, other| if other.0.is_multiple_of(best.0) { other } else { best })

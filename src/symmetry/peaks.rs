@@ -4,7 +4,7 @@
 //! surface that was seen at both places, v; at the angles beside it, of the same overlap, structured points miss, and it is
 //! v (1 - c). Their ratio knows nothing of v: an order is where the matches stand out from those around.
 
-use crate::symmetry::detect::{DetectParams, largest_group, rival};
+use crate::symmetry::detect::{DetectParams, rival};
 use crate::symmetry::sweep::{Sweep, fraction, gcd};
 
 /// An order that stands out.
@@ -45,16 +45,16 @@ pub(crate) fn order_from_peaks(
     let with_evidence = |n: u32| (n, against[n as usize - 2]);
     let standing: Vec<(u32, f64)> =
         (2..=params.max_order).filter(|&n| stands_out(n)).map(with_evidence).collect();
-    let &(best, floor) = standing.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    // The matches at a multiple of the best order must be those at that order.
-    let follows = |n: u32| {
+    let &(mut order, floor) = standing.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    // The matches at the multiples of the whole group are those at the order known so far.
+    let follows = |n: u32, order: u32| {
         /// Share of the height of the peaks beside that the least of the new ones must have.
         const LOWEST: f64 = 0.5;
         // A half turn alone says little of the height at other angles.
-        let mean = if best == 2 { 0.6 } else { 0.75 };
-        let heights = (1..=n / 2).filter(|&k| k * best % n != 0).map(|k| {
-            let beside = [k * best / n, k * best / n + 1].into_iter().filter(|j| j % best != 0);
-            let beside: Vec<f64> = beside.map(|j| peaks[&fraction(j, best)].matched).collect();
+        let mean = if order == 2 { 0.6 } else { 0.8 };
+        let heights = (1..=n / 2).filter(|&k| !(k * order).is_multiple_of(n)).map(|k| {
+            let beside = [k * order / n, k * order / n + 1].into_iter().filter(|j| j % order != 0);
+            let beside: Vec<f64> = beside.map(|j| peaks[&fraction(j, order)].matched).collect();
             let peak = peaks[&fraction(k, n)];
             let full = beside.iter().sum::<f64>() / beside.len() as f64 - peak.expected;
             if full > 0.0 { (peak.matched - peak.expected) / full } else { 1.0 }
@@ -63,9 +63,15 @@ pub(crate) fn order_from_peaks(
         heights.iter().sum::<f64>() >= mean * heights.len() as f64
             && heights.iter().all(|height| *height >= LOWEST)
     };
-    let holding: Vec<(u32, f64)> =
-        standing.into_iter().filter(|(n, _)| *n == best || !n.is_multiple_of(best) || follows(*n)).collect();
-    let order = largest_group(&holding)?;
-    let rival = rival(&holding, order, params.unseen_gain * floor);
-    Some(Standing { order: order.0, rival, gain: own_gain(order.0) })
+    let multiple = |order: u32| {
+        let mut larger = standing.iter().map(|(n, _)| *n).filter(|n| *n > order && n.is_multiple_of(order));
+        larger.find(|n| follows(*n, order))
+    };
+    while let Some(n) = multiple(order) {
+        order = n;
+    }
+    let others: Vec<(u32, f64)> =
+        standing.iter().filter(|(n, _)| !n.is_multiple_of(order)).copied().collect();
+    let rival = rival(&others, with_evidence(order), params.unseen_gain * floor);
+    Some(Standing { order, rival, gain: own_gain(order) })
 }

@@ -33,7 +33,7 @@ impl Tally {
         self.missing += other.missing;
     }
 
-    pub fn against(&self) -> f64 {
+    pub(crate) fn against(&self) -> f64 {
         self.contradicted + self.missing
     }
 
@@ -43,7 +43,7 @@ impl Tally {
     }
 
     /// Share of the evidence that speaks against; 1 when there is none for it.
-    pub fn share_against(&self) -> f64 {
+    pub(crate) fn share_against(&self) -> f64 {
         let total = self.total();
         if total > 0.0 { self.against() / total } else { 1.0 }
     }
@@ -69,7 +69,7 @@ pub(crate) struct Sweep {
 }
 
 impl Sweep {
-    pub fn new(
+    pub(crate) fn new(
         surface: &Surface,
         samples: &Samples,
         axis: &Axis,
@@ -105,7 +105,7 @@ impl Sweep {
     }
 
     /// Evidence at all multiples of 1/n.
-    pub fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
+    pub(crate) fn order(&self, n: u32, chosen: &[usize]) -> OrderEvidence {
         /// A multiple with less evidence than this decides nothing alone.
         const ENOUGH: f64 = 10.0;
         let mut evidence = OrderEvidence::default();
@@ -128,7 +128,7 @@ impl Sweep {
     }
 
     /// Evidence at generic angles.
-    pub fn generic(&self, chosen: &[usize]) -> Tally {
+    pub(crate) fn generic(&self, chosen: &[usize]) -> Tally {
         let mut sum = Tally::default();
         for row in self.generic_rows() {
             for &i in chosen {
@@ -139,7 +139,7 @@ impl Sweep {
     }
 
     /// For each fraction the matches of the chosen samples, and those that the generic angles around it let expect.
-    pub fn peaks(&self, chosen: &[usize]) -> HashMap<(u32, u32), Peak> {
+    pub(crate) fn peaks(&self, chosen: &[usize]) -> HashMap<(u32, u32), Peak> {
         /// Distance at which an angle is no longer around [turns].
         const AROUND: f64 = 0.05;
         let turn = |(k, n): (u32, u32)| f64::from(k) / f64::from(n);
