@@ -23,7 +23,7 @@ use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
 use crate::symmetry::propose::Proposal;
-use crate::symmetry::refine::{RefineParams, Refined, align, refine_jointly};
+use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
 use crate::symmetry::surface::{Gate, Samples, Surface};
@@ -326,8 +326,10 @@ impl Estimator {
         // The last digits of the search are noise, and different ones lead to slightly different ends: without them, two
         // clouds that differ by a rounding error almost always go the same way.
         let start = start.rounded(&surface.centroid, surface.radius, START_STEPS);
-        let near =
-            align(surface, &coarse, start, &turns, *residual, [6.0 * last_gate, last_gate], params, control)?;
+        let gates = [6.0 * last_gate, last_gate];
+        let from_beside = self.config.propose.search && !surface.oriented;
+        let align_coarse = if from_beside { align_from_beside } else { align };
+        let near = align_coarse(surface, &coarse, start, &turns, *residual, gates, params, control)?;
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
         let samples = surface.samples.scattered(params.samples, surface.spacing);
         let mut aligned =

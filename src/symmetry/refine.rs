@@ -1,6 +1,6 @@
 //! Refinement of an axis: coarse to fine matching, then joint optimisation of the axis and the points.
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Unit, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
 use crate::config::Residual;
@@ -10,6 +10,7 @@ use crate::symmetry::alignment::{Correspondences, Sandwich, SelfAlignment, Unkno
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::robust::{Huber, robust_sigma};
+use crate::symmetry::score::match_score;
 use crate::symmetry::settle::Rest;
 use crate::symmetry::solver::{Minimum, RobustProblem, minimize};
 use crate::symmetry::surface::{Gate, Samples, Surface};
@@ -134,6 +135,43 @@ impl Motion {
         let direction = axis.direction.into_inner() + self.rim * (times / radius);
         Axis { direction: Unit::new_normalize(direction), point: axis.point + self.point * times }
     }
+}
+
+/// [`align`], then again from starts tilted to either side of what it found; the axis about which most points meet wins.
+///
+/// Where it is not known from which side a point was seen, one side of a blade may come to rest on the other, a little
+/// beside the truth.
+///
+/// # Errors
+/// When the work is cancelled.
+#[allow(clippy::too_many_arguments)]
+pub fn align_from_beside(
+    surface: &Surface,
+    samples: &Samples,
+    start: Axis,
+    turns: &Turns,
+    residual: Residual,
+    gates: [f64; 2],
+    params: &RefineParams,
+    control: &Control,
+) -> Result<Refined> {
+    /// Tilt of these starts \[rad\].
+    const TILT: f64 = 0.02;
+    /// Matches that another axis must have [those of the best one].
+    const BETTER: f64 = 1.02;
+    let gate = Gate::new(gates[1], params.max_normal_angle.cos());
+    let matched = |axis: &Axis| match_score(surface, samples, axis, turns, gate, None.into()).matched as f64;
+    let align_at = |axis: Axis| align(surface, samples, axis, turns, residual, gates, params, control);
+    let mut best = align_at(start)?;
+    let mut most = matched(&best.axis);
+    for [x, y] in [[TILT, 0.0], [-TILT, 0.0], [0.0, TILT], [0.0, -TILT]] {
+        let other = align_at(best.axis.retract(&Vector4::new(x, y, 0.0, 0.0)))?;
+        let count = matched(&other.axis);
+        if count > BETTER * most {
+            (best, most) = (other, count);
+        }
+    }
+    Ok(best)
 }
 
 /// Aligns the surface with its own rotated copies, moving only the axis.
