@@ -18,6 +18,7 @@ use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::complete;
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
+use crate::symmetry::details::order_of_details;
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
@@ -314,7 +315,16 @@ impl Estimator {
             params.samples = params.samples.min(REMARKED);
             params.ring_samples = params.ring_samples.min(REMARKED);
         }
-        detect_order(surface, axis, gate, prepared.sight(axis), &params)
+        let sight = prepared.sight(axis);
+        let mut detection = detect_order(surface, axis, gate, sight, &params);
+        let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
+        if let Some(order) = detection.order.filter(|_| shows_details)
+            && let Some(part) = order_of_details(surface, axis, gate, sight, order, &params)
+        {
+            detection.order = Some(Order::Cyclic(part));
+            detection.rest = Some(order);
+        }
+        detection
     }
 
     /// Aligns on a few of the points, then on many, then moves all points too.

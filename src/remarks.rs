@@ -38,6 +38,7 @@ pub(crate) fn remarks(
         warnings.extend((!prepared.surface.oriented).then(|| UNSEEN.to_owned()));
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
+        warnings.extend(detection.rest.map(details));
     }
     Remarks { warnings, ambiguous }
 }
@@ -104,6 +105,11 @@ fn unseen_sector(width: f64) -> String {
         "nothing was measured in a sector of {:.0} degrees about the axis: it is taken for unseen, not for empty",
         width.to_degrees()
     )
+}
+
+/// Says so when small details decide the order.
+fn details(rest: Order) -> String {
+    format!("small details decide the order: without them it would be {rest}")
 }
 
 /// Says so when an order was found that only one view speaks for, and that one from the side: the faces of the part, and

@@ -3,8 +3,6 @@
 //! A surface of revolution matches itself at any angle and says nothing about the order: on a rim the barrel would drown
 //! the spokes. So only *structured* points are asked: those that some rotation turns into a place seen to be empty.
 
-use std::collections::HashSet;
-
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -12,9 +10,10 @@ use serde::{Deserialize, Serialize};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
 use crate::symmetry::peaks::order_from_peaks;
+use crate::symmetry::rings::Rings;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
-use crate::symmetry::sweep::{OrderEvidence, Sweep};
+use crate::symmetry::sweep::{OrderEvidence, Sweep, up_to};
 
 /// How the order is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,6 +82,8 @@ impl Default for DetectParams {
 pub struct Detection {
     /// The order, or `None` when no rotation maps the part to itself.
     pub order: Option<Order>,
+    /// The larger group of all but some details of the part, where these have only part of it.
+    pub rest: Option<Order>,
     /// Beside a discrete order another one that the data supports as well.
     pub rival: Option<u32>,
     /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
@@ -97,44 +98,6 @@ pub struct Detection {
 
 /// Largest order of the sweep that finds the structured rings.
 const SURVEY_ORDER: u32 = 24;
-
-/// Size of a ring in radius and height [largest radius].
-const RING: f64 = 0.04;
-
-/// Points of the rings in which some point has structure.
-fn structured_rings(
-    surface: &Surface,
-    axis: &Axis,
-    survey: &Samples,
-    structured: &[usize],
-    count: usize,
-) -> Samples {
-    let along = axis.direction.into_inner();
-    let cylinder = |p: &Vector3<f64>| {
-        let d = p - axis.point;
-        let height = d.dot(&along);
-        ((d - along * height).norm(), height)
-    };
-    let largest = survey.points.iter().map(|p| cylinder(p).0).fold(f64::MIN_POSITIVE, f64::max);
-    let ring = |p: &Vector3<f64>| {
-        let (radius, height) = cylinder(p);
-        ((radius / (RING * largest)) as i32, (height / (RING * largest)).floor() as i32)
-    };
-    let rings: HashSet<(i32, i32)> = structured.iter().map(|&i| ring(&survey.points[i])).collect();
-    let inside: Vec<usize> = surface
-        .samples
-        .points
-        .par_iter()
-        .enumerate()
-        .filter(|(_, p)| rings.contains(&ring(p)))
-        .map(|(i, _)| i)
-        .collect();
-    let chosen = Samples {
-        points: inside.iter().map(|&i| surface.samples.points[i]).collect(),
-        normals: inside.iter().map(|&i| surface.samples.normals[i]).collect(),
-    };
-    chosen.strided(count)
-}
 
 /// Samples that a share of the generic angles contradicts.
 fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize> {
@@ -156,12 +119,14 @@ pub fn detect_order(
 ) -> Detection {
     let survey = surface.samples.strided(params.samples);
     let everything: Vec<usize> = (0..survey.points.len()).collect();
-    let sweep = Sweep::new(surface, &survey, axis, params.max_order.min(SURVEY_ORDER), gate, sight);
+    let fractions = up_to(params.max_order.min(SURVEY_ORDER));
+    let sweep = Sweep::new(surface, &survey, axis, fractions, gate, sight);
     let generic_all = sweep.generic(&everything).share_against();
     let structured = structured_samples(&sweep, survey.points.len(), params.structured);
     let share = structured.len() as f64 / everything.len().max(1) as f64;
     let mut detection = Detection {
         order: Some(Order::Continuous),
+        rest: None,
         rival: None,
         explained: 1.0 - generic_all,
         structured: share,
@@ -173,8 +138,10 @@ pub fn detect_order(
         detection.order = detection.order.filter(|_| detection.explained >= params.explained);
         return detection;
     }
-    let samples = structured_rings(surface, axis, &survey, &structured, params.ring_samples);
-    let sweep = Sweep::new(surface, &samples, axis, params.max_order, gate, sight);
+    let rings = Rings::about(axis, &survey);
+    let with_structure = structured.iter().map(|&i| rings.of(&survey.points[i])).collect();
+    let samples = rings.within(&with_structure, surface, params.ring_samples);
+    let sweep = Sweep::new(surface, &samples, axis, up_to(params.max_order), gate, sight);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
     let orders: Vec<u32> = (2..=params.max_order).collect();
     let evidence: Vec<OrderEvidence> = orders.par_iter().map(|&n| sweep.order(n, &structured)).collect();
@@ -226,7 +193,7 @@ pub fn detect_order(
 
 /// The order of the least evidence against it, or the largest of its multiples that hold, too; each order comes with the
 /// share of the evidence against it.
-fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
+pub(crate) fn largest_group(holding: &[(u32, f64)]) -> Option<(u32, f64)> {
     let mut ranked = holding.to_vec();
     ranked.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     ranked.into_iter().reduce(|best, other| if other.0.is_multiple_of(best.0) { other } else { best })

@@ -18,7 +18,7 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, outcome: Outcome) {
+    pub(crate) fn add(&mut self, outcome: Outcome) {
         match outcome {
             Outcome::Matched => self.agreeing += 1.0,
             Outcome::Contradicted => self.contradicted += 1.0,
@@ -38,7 +38,7 @@ impl Tally {
     }
 
     /// All that says anything.
-    fn total(&self) -> f64 {
+    pub(crate) fn total(&self) -> f64 {
         self.agreeing + self.against()
     }
 
@@ -61,7 +61,7 @@ pub(crate) struct OrderEvidence {
     pub support: f64,
 }
 
-/// Outcomes of every sample at every fraction of a turn k/n up to one half, n up to some largest order.
+/// Outcomes of every sample at some fractions k/n of a turn, in lowest terms and up to one half.
 pub(crate) struct Sweep {
     fractions: Vec<(u32, u32)>,
     row_of: HashMap<(u32, u32), usize>,
@@ -73,14 +73,10 @@ impl Sweep {
         surface: &Surface,
         samples: &Samples,
         axis: &Axis,
-        max_order: u32,
+        fractions: Vec<(u32, u32)>,
         gate: Gate,
         sight: Sight<'_>,
     ) -> Self {
-        let fractions: Vec<(u32, u32)> = (2..=max_order)
-            .flat_map(|n| (1..=n / 2).map(move |k| (k, n)))
-            .filter(|&(k, n)| gcd(k, n) == 1)
-            .collect();
         let outcomes = fractions
             .par_iter()
             .map(|&(k, n)| {
@@ -174,6 +170,12 @@ pub(crate) struct Peak {
     pub matched: f64,
     /// The same at the generic angles around \[count\].
     pub expected: f64,
+}
+
+/// All fractions of a turn up to one half, in lowest terms, with denominators up to some largest order.
+pub(crate) fn up_to(max_order: u32) -> Vec<(u32, u32)> {
+    let of = |n: u32| (1..=n / 2).filter(move |&k| gcd(k, n) == 1).map(move |k| (k, n));
+    (2..=max_order).flat_map(of).collect()
 }
 
 /// `k / n` of a turn as the fraction up to one half that means the same but for the sense, in lowest terms.

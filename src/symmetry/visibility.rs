@@ -11,6 +11,19 @@ const MAX_VIEWS: usize = 16;
 /// Cells along one side of a depth map, at most.
 const MAX_CELLS: usize = 512;
 
+/// Points in a cell if the view were filled, so that a cell without return is a true gap; small, so that holes in the part
+/// show.
+const POINTS_PER_CELL: f64 = 2.0;
+
+/// The same where returns are lost.
+const LOSSY_POINTS_PER_CELL: f64 = 4.0;
+
+/// Returns missing for each that came, below which the sensor loses none.
+const NO_LOSS: f64 = 0.01;
+
+/// The same in coarser maps: as many are missing about the edges of what any sensor sees.
+const EDGES: f64 = 0.04;
+
 /// Directions more than this far from the middle of a view \[rad\] are left out of its map.
 const MAX_OFF_AXIS: f64 = 1.2;
 
@@ -32,6 +45,8 @@ pub struct Visibility {
     /// Returns that are missing for each that came, where one view measured a surface that another one should have
     /// seen: 0 for a sensor that loses none.
     pub dropout: f64,
+    /// Whether a gap of a few points shows: not where returns are lost.
+    pub shows_details: bool,
 }
 
 impl Visibility {
@@ -50,18 +65,26 @@ impl Visibility {
         }
         members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
         members.truncate(MAX_VIEWS);
-        let mut views: Vec<DepthMap> = members
-            .par_iter()
-            .filter_map(|(center, indices)| DepthMap::new(center, &point_of, indices))
-            .collect();
+        let maps = |points_per_cell: f64| -> Vec<DepthMap> {
+            let map = |(center, indices): &(&Vector3<f64>, Vec<u32>)| {
+                DepthMap::new(center, &point_of, indices, points_per_cell)
+            };
+            members.par_iter().filter_map(map).collect()
+        };
+        let views = maps(POINTS_PER_CELL);
         if views.is_empty() {
             return None;
         }
-        let dropout = dropout(&views, count, &point_of);
+        if lost_share(&views, count, &point_of) < NO_LOSS {
+            return Some(Self { views, dropout: 0.0, shows_details: true });
+        }
+        let mut views = maps(LOSSY_POINTS_PER_CELL);
+        let lost = lost_share(&views, count, &point_of);
+        let dropout = if lost > EDGES { lost } else { 0.0 };
         if dropout > 0.0 {
             views.par_iter_mut().for_each(|view| view.hide_lost((0..count).map(&point_of)));
         }
-        Some(Self { views, dropout })
+        Some(Self { views, dropout, shows_details: false })
     }
 
     /// Number of views.
@@ -92,11 +115,9 @@ impl Visibility {
 /// Returns that are missing for each that came, over some of the points and all views.
 ///
 /// Nothing is missing in the view that a point comes from, so that one view alone loses nothing.
-fn dropout(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3<f64>) -> f64 {
+fn lost_share(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3<f64>) -> f64 {
     /// Points that are looked for in every view.
     const LOOKED_AT: usize = 2000;
-    /// As many are missing about the edges of what any sensor sees.
-    const EDGES: f64 = 0.04;
     let step = count.div_ceil(LOOKED_AT);
     let (mut missing, mut came) = (0.0, 0.0);
     let points = (0..count).step_by(step).map(point_of);
@@ -111,8 +132,7 @@ fn dropout(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3
     }
     // Each point came in its own view, which says nothing.
     let others = f64::max(came - count.div_ceil(step) as f64, 0.0);
-    let lost = if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 };
-    if lost > EDGES { lost } else { 0.0 }
+    if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
 /// What a depth map holds about one direction.
@@ -140,7 +160,12 @@ struct DepthMap {
 }
 
 impl DepthMap {
-    fn new(center: &Vector3<f64>, point_of: impl Fn(usize) -> Vector3<f64>, indices: &[u32]) -> Option<Self> {
+    fn new(
+        center: &Vector3<f64>,
+        point_of: impl Fn(usize) -> Vector3<f64>,
+        indices: &[u32],
+        points_per_cell: f64,
+    ) -> Option<Self> {
         let rays = || indices.iter().map(|&i| point_of(i as usize) - center);
         let middle: Vector3<f64> = rays().filter_map(|ray| ray.try_normalize(0.0)).sum();
         let toward = middle.try_normalize(1e-9)?;
@@ -168,8 +193,8 @@ impl DepthMap {
         if projected.len() < 16 || extent <= 0.0 {
             return None;
         }
-        // About four points a cell if the view were filled, so that a cell without return is a true gap.
-        let cell = (extent / MAX_CELLS as f64).max(extent * (4.0 / projected.len() as f64).sqrt());
+        let cell =
+            (extent / MAX_CELLS as f64).max(extent * (points_per_cell / projected.len() as f64).sqrt());
         let cells_per_slope = 1.0 / cell;
         let first = lower.map(|x| x * cells_per_slope);
         let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
