@@ -258,18 +258,23 @@ impl Estimator {
         const TRIED: usize = 3;
         /// Angle between axes that are alike \[rad\].
         const ALIKE: f64 = 0.02;
+        /// Angle within which a refined axis stands for others \[rad\].
+        const BESIDE: f64 = 0.17;
+        /// Score from which on no other axis is refined.
+        const CERTAIN: f64 = 0.9;
         let surface = &prepared.surface;
         let declared = self.config.order;
         let mut refusal = None;
         let mut best: Option<Settled> = None;
-        let mut refused: Vec<&Found> = Vec::new();
+        let (mut refused, mut passed_over): (Vec<&Found>, Vec<&Found>) = Default::default();
         let mut tried = 0;
         for candidate in candidates {
             // What was refused once is not tried again a little beside.
             let alike = |f: &&Found| {
                 f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < ALIKE
             };
-            if tried == TRIED || refused.iter().any(alike) {
+            let beside = |f: &&Found| f.proposal.axis.angle_to(&candidate.proposal.axis) < BESIDE;
+            if tried == TRIED || refused.iter().any(alike) || passed_over.iter().any(beside) {
                 continue;
             }
             tried += 1;
@@ -297,9 +302,14 @@ impl Estimator {
             if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
                 best = Some(Settled { refined, order, score, detection, ambiguous, warnings });
             }
-            // Where the first axis is not to be trusted, the next one of the search may be.
-            if trust >= TRACKED {
+            // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
+            // smaller one hides less.
+            let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
+            if trust >= enough {
                 break;
+            }
+            if trust >= TRACKED {
+                passed_over.push(candidate);
             }
         }
         best.ok_or_else(|| no_symmetry(prepared, refusal))

@@ -6,6 +6,8 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
+use rayon::prelude::*;
+
 use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::{DetectParams, largest_group};
 use crate::symmetry::order::{Order, Turns};
@@ -38,10 +40,16 @@ pub(crate) fn order_of_details(
     let asked = surface.samples.strided(ASKED);
     let turns: Vec<_> = Turns::all(order, TURNS).angles().map(|angle| axis.turn(angle)).collect();
     let rings = Rings::about(axis, &asked);
+    let evidence: Vec<Tally> = (asked.points.par_iter().zip(&asked.normals))
+        .map(|(point, normal)| {
+            let mut tally = Tally::default();
+            turns.iter().for_each(|turn| tally.add(outcome(surface, point, normal, turn, gate, sight)));
+            tally
+        })
+        .collect();
     let mut tallies: HashMap<Ring, Tally> = HashMap::new();
-    for (point, normal) in asked.points.iter().zip(&asked.normals) {
-        let tally = tallies.entry(rings.of(point)).or_default();
-        turns.iter().for_each(|turn| tally.add(outcome(surface, point, normal, turn, gate, sight)));
+    for (point, tally) in asked.points.iter().zip(&evidence) {
+        tallies.entry(rings.of(point)).or_default().merge(tally);
     }
     let contradicted =
         |tally: &Tally| tally.share_against() > CONTRADICTED.0 && tally.against() > CONTRADICTED.1;

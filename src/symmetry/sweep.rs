@@ -27,7 +27,7 @@ impl Tally {
         }
     }
 
-    fn merge(&mut self, other: &Self) {
+    pub(crate) fn merge(&mut self, other: &Self) {
         self.agreeing += other.agreeing;
         self.contradicted += other.contradicted;
         self.missing += other.missing;
