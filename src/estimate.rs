@@ -256,25 +256,23 @@ impl Estimator {
     fn settle(&self, prepared: &Prepared, candidates: &[Found], control: &Control) -> Result<Settled> {
         /// Candidates that are refined before the search is given up.
         const TRIED: usize = 3;
-        /// Angle between axes that are alike \[rad\].
-        const ALIKE: f64 = 0.02;
-        /// Angle within which a refined axis stands for others \[rad\].
-        const BESIDE: f64 = 0.17;
+        /// Angle within which an axis that was refused, or one that passed, stands for others of its order \[rad\].
+        const REFUSED: f64 = 0.02;
+        const PASSED: f64 = 0.17;
         /// Score from which on no other axis is refined.
         const CERTAIN: f64 = 0.9;
         let surface = &prepared.surface;
         let declared = self.config.order;
         let mut refusal = None;
         let mut best: Option<Settled> = None;
-        let (mut refused, mut passed_over): (Vec<&Found>, Vec<&Found>) = Default::default();
+        let mut answered: Vec<(&Found, f64)> = Vec::new();
         let mut tried = 0;
         for candidate in candidates {
-            // What was refused once is not tried again a little beside.
-            let alike = |f: &&Found| {
-                f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < ALIKE
+            // What has its answer is not tried again a little beside.
+            let stands_for_it = |(f, within): &(&Found, f64)| {
+                f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < *within
             };
-            let beside = |f: &&Found| f.proposal.axis.angle_to(&candidate.proposal.axis) < BESIDE;
-            if tried == TRIED || refused.iter().any(alike) || passed_over.iter().any(beside) {
+            if tried == TRIED || answered.iter().any(stands_for_it) {
                 continue;
             }
             tried += 1;
@@ -285,7 +283,7 @@ impl Estimator {
             let order = if declared == Order::Auto { detection.order } else { Some(declared) };
             let Some(order) = order else {
                 refusal.get_or_insert((refined.axis, detection));
-                refused.push(candidate);
+                answered.push((candidate, REFUSED));
                 continue;
             };
             if order != start {
@@ -309,7 +307,7 @@ impl Estimator {
                 break;
             }
             if trust >= TRACKED {
-                passed_over.push(candidate);
+                answered.push((candidate, PASSED));
             }
         }
         best.ok_or_else(|| no_symmetry(prepared, refusal))

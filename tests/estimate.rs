@@ -91,6 +91,14 @@ fn the_order_is_found() {
 }
 
 #[test]
+fn a_small_largest_order_is_found_too() {
+    let mut config = Config::default();
+    config.detect.max_order = 8;
+    let found = estimate(knob(8, 20_000), config).unwrap();
+    assert_eq!(found.order, Order::Cyclic(8));
+}
+
+#[test]
 fn a_wrong_order_is_warned_of() {
     let found = estimate(knob(6, 20_000), cyclic(3)).unwrap();
     assert_eq!(found.order, Order::Cyclic(3));

@@ -15,7 +15,7 @@ use crate::symmetry::rings::{Ring, Rings};
 use crate::symmetry::score::outcome;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
-use crate::symmetry::sweep::{Sweep, Tally, fraction, up_to};
+use crate::symmetry::sweep::{Sweep, Tally, fraction};
 
 /// The order that holds for the details, too, where they contradict a larger group `order` that holds otherwise.
 pub(crate) fn order_of_details(
@@ -64,7 +64,7 @@ pub(crate) fn order_of_details(
             let fractions: BTreeSet<(u32, u32)> = (1..=n / 2).map(|k| fraction(k, n)).collect();
             (fractions.into_iter().collect(), (2..n).filter(|&part| n.is_multiple_of(part)).collect())
         }
-        _ => (up_to(params.max_order), (2..=params.max_order).collect()),
+        _ => (params.fractions(), (2..=params.max_order).collect()),
     };
     let sweep = Sweep::new(surface, &samples, axis, fractions, gate, sight);
     let everything: Vec<usize> = (0..samples.points.len()).collect();

@@ -77,6 +77,13 @@ impl Default for DetectParams {
     }
 }
 
+impl DetectParams {
+    /// Angles at which orders are judged, generic ones among them.
+    pub(crate) fn fractions(&self) -> Vec<(u32, u32)> {
+        up_to(self.max_order.max(SURVEY_ORDER))
+    }
+}
+
 /// What the sweep over all angles says.
 #[derive(Debug, Clone)]
 pub struct Detection {
@@ -96,7 +103,7 @@ pub struct Detection {
     pub generic: f64,
 }
 
-/// Largest order of the sweep that finds the structured rings.
+/// Largest order of the sweep that finds the structured rings; with smaller ones there are no generic angles.
 const SURVEY_ORDER: u32 = 24;
 
 /// Samples that a share of the generic angles contradicts.
@@ -119,8 +126,7 @@ pub fn detect_order(
 ) -> Detection {
     let survey = surface.samples.strided(params.samples);
     let everything: Vec<usize> = (0..survey.points.len()).collect();
-    let fractions = up_to(params.max_order.min(SURVEY_ORDER));
-    let sweep = Sweep::new(surface, &survey, axis, fractions, gate, sight);
+    let sweep = Sweep::new(surface, &survey, axis, up_to(SURVEY_ORDER), gate, sight);
     let generic_all = sweep.generic(&everything).share_against();
     let structured = structured_samples(&sweep, survey.points.len(), params.structured);
     let share = structured.len() as f64 / everything.len().max(1) as f64;
@@ -141,7 +147,7 @@ pub fn detect_order(
     let rings = Rings::about(axis, &survey);
     let with_structure = structured.iter().map(|&i| rings.of(&survey.points[i])).collect();
     let samples = rings.within(&with_structure, surface, params.ring_samples);
-    let sweep = Sweep::new(surface, &samples, axis, up_to(params.max_order), gate, sight);
+    let sweep = Sweep::new(surface, &samples, axis, params.fractions(), gate, sight);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
     let orders: Vec<u32> = (2..=params.max_order).collect();
     let evidence: Vec<OrderEvidence> = orders.par_iter().map(|&n| sweep.order(n, &structured)).collect();
@@ -157,11 +163,14 @@ pub fn detect_order(
             Some(found) => {
                 detection.order = Some(Order::Cyclic(found.order));
                 detection.rival = found.rival;
+                detection.explained = 1.0 - share * detection.against[found.order as usize - 2];
             }
-            None if is_round => return detection,
-            None => detection.order = None,
+            None if is_round => {}
+            None => {
+                detection.order = None;
+                detection.explained = 1.0 - share * floor;
+            }
         }
-        detection.explained = 1.0 - share * floor;
         return detection;
     }
     let contrast = detection.generic - floor;
