@@ -135,6 +135,22 @@ impl OutlierParams {
     }
 }
 
+/// How a pose that is known from before is followed: quickly, on fewer points than a part is searched and measured on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackingParams {
+    /// Edge of a voxel where none is given [edge without tracking]; at least 1.
+    pub coarsening: f64,
+    /// Input points of the part that are looked at, at most; where there are more, every so manieth \[count\].
+    pub points: usize,
+}
+
+impl Default for TrackingParams {
+    fn default() -> Self {
+        Self { coarsening: 2.0, points: 100_000 }
+    }
+}
+
 /// Every setting of an estimate. Lengths left `None` are found from the spacing of the points and the size of the part.
 ///
 /// ```
@@ -185,6 +201,8 @@ pub struct Config {
     pub detect: DetectParams,
     /// Details of the refinement.
     pub refine: RefineParams,
+    /// Details of tracking from an initial pose.
+    pub tracking: TrackingParams,
 }
 
 impl Default for Config {
@@ -210,6 +228,7 @@ impl Default for Config {
             propose: ProposeParams::default(),
             detect: DetectParams::default(),
             refine: RefineParams::default(),
+            tracking: TrackingParams::default(),
         }
     }
 }
@@ -264,6 +283,17 @@ impl Config {
         }
         if self.refine.samples == 0 {
             return zero("refine.samples", "at least 1 point");
+        }
+        if self.tracking.points == 0 {
+            return zero("tracking.points", "at least 1 point");
+        }
+        let coarsening = self.tracking.coarsening;
+        if !(1.0..f64::INFINITY).contains(&coarsening) {
+            return Err(Error::InvalidParameter {
+                name: "tracking.coarsening",
+                value: coarsening.to_string(),
+                expected: "a finite factor of at least 1",
+            });
         }
         if let Some([lower, upper]) = self.roi
             && !(0..3).all(|axis| lower[axis] < upper[axis])

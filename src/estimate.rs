@@ -5,29 +5,30 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::Config;
+use crate::config::{Config, TrackingParams};
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::frames::{height_over, place, plane_in_world};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
-use crate::remarks::{Remarks, remarks};
+
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::complete;
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
-use crate::symmetry::details::order_of_details;
-use crate::symmetry::detect::{Detection, detect_order};
+
+use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
 use crate::symmetry::propose::Proposal;
-use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
+use crate::symmetry::refine::Refined;
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
-use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::surface::Samples;
 
 /// What one call adds to the configuration.
 #[derive(Debug, Clone, Default)]
@@ -108,26 +109,13 @@ impl Estimator {
 
     fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
         let config = &self.config;
-        let control = &request.control;
-        let mut stages = Stages::new(control);
-        stages.begin("input")?;
-        let prepared = prepare(cloud, config, &mut stages)?;
+        let mut stages = Stages::new(&request.control);
+        let Aligned { prepared, candidates, settled } = match request.initial {
+            Some(initial) => self.track(cloud, initial, &mut stages)?,
+            None => self.search(self.prepare(cloud, None, &mut stages)?, &mut stages)?,
+        };
         let surface = &prepared.surface;
-
-        stages.begin("propose")?;
-        let mut candidates = self.candidates(&prepared, request)?;
-
-        stages.begin("refine")?;
-        let mut settled = self.settle(&prepared, &candidates, control);
-        if request.initial.is_some()
-            && !matches!(&settled, Ok(s) if s.score.trust(surface.oriented) >= TRACKED)
-        {
-            stages.text("tracking", "lost: searched again");
-            let searched = Request { initial: None, ..request.clone() };
-            candidates = self.candidates(&prepared, &searched)?;
-            settled = self.settle(&prepared, &candidates, control);
-        }
-        let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled?;
+        let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
         let refined = Samples {
             points: if self.config.joint {
                 displaced(&surface.samples.points, &found)
@@ -191,6 +179,7 @@ impl Estimator {
                 order,
                 preferred,
             };
+            let control = &request.control;
             framed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
         }
         let Framed { local_from_object, covariance, unobservable } = framed;
@@ -219,146 +208,89 @@ impl Estimator {
         })
     }
 
-    /// Axes to refine, best first: the pose given by the caller, or the result of the search.
-    fn candidates(&self, prepared: &Prepared, request: &Request) -> Result<Vec<Found>> {
-        let surface = &prepared.surface;
+    fn prepare(
+        &self,
+        cloud: &PointCloud,
+        tracking: Option<&TrackingParams>,
+        stages: &mut Stages,
+    ) -> Result<Prepared> {
+        stages.begin("input")?;
+        prepare(cloud, &self.config, tracking, stages)
+    }
+
+    /// Refines the axis of an earlier pose: on a few points, where that is not certain on all of them, and where that is
+    /// lost searches again.
+    fn track(&self, cloud: &PointCloud, initial: Isometry3<f64>, stages: &mut Stages) -> Result<Aligned> {
+        let prepared = match self.prepare(cloud, Some(&self.config.tracking), stages) {
+            // What is too little here may be enough without tracking.
+            Err(Error::InsufficientData { .. }) => None,
+            prepared => Some(prepared?),
+        };
+        if let Some(prepared) = prepared
+            && let Ok(tracked) = self.refine_from(prepared, initial, FOLLOWED, stages)?
+        {
+            return Ok(tracked);
+        }
+        let prepared = self.prepare(cloud, None, stages)?;
+        match self.refine_from(prepared, initial, TRACKED, stages)? {
+            Ok(tracked) => Ok(tracked),
+            Err(prepared) => {
+                stages.text("tracking", "lost: searched again");
+                self.search(prepared, stages)
+            }
+        }
+    }
+
+    /// Refines the axis of an earlier pose, or gives the surface back where the score is below `least`.
+    fn refine_from(
+        &self,
+        prepared: Prepared,
+        initial: Isometry3<f64>,
+        least: f64,
+        stages: &mut Stages,
+    ) -> Result<std::result::Result<Aligned, Prepared>> {
+        stages.begin("refine")?;
+        let local_from_object = prepared.world_from_local.inverse() * initial;
+        let direction = local_from_object * Vector3::z();
+        let Some(axis) = Axis::new(direction, local_from_object.translation.vector) else {
+            return Ok(Err(prepared));
+        };
+        let proposal = Proposal { axis, score: MatchScore::default() };
+        let order = Some(self.config.order).filter(|order| *order != Order::Auto);
+        let candidates = vec![Found { proposal, order, explained: 0.0 }];
+        Ok(match self.settle(&prepared, &candidates, stages.control()) {
+            Ok(settled) if settled.score.trust(prepared.surface.oriented) >= least => {
+                Ok(Aligned { prepared, candidates, settled })
+            }
+            Ok(_) | Err(Error::NoSymmetry { .. }) => Err(prepared),
+            Err(error) => return Err(error),
+        })
+    }
+
+    /// The part about the best axis that the search finds.
+    fn search(&self, prepared: Prepared, stages: &mut Stages) -> Result<Aligned> {
         let config = &self.config;
-        let local_from_world = prepared.world_from_local.inverse();
+        stages.begin("propose")?;
+        let surface = &prepared.surface;
         let hints: Vec<Vector3<f64>> =
             prepared.ground.iter().map(|[x, y, z, _]| Vector3::new(*x, *y, *z)).collect();
         let context = SearchContext {
             diameter: prepared.diameter,
             hints: &hints,
-            within: config.axis_hint.map(|hint| local_from_world * Vector3::from(hint)),
+            within: config.axis_hint.map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint)),
             visibility: prepared.visibility.as_ref(),
             propose: &config.propose,
             detect: &config.detect,
             gate: self.final_gate(surface),
-            control: &request.control,
+            control: stages.control(),
         };
-        if let Some(initial) = request.initial {
-            let local_from_object = local_from_world * initial;
-            let direction = local_from_object * Vector3::z();
-            let Some(axis) = Axis::new(direction, local_from_object.translation.vector) else {
-                return Ok(Vec::new());
-            };
-            let proposal = Proposal { axis, score: MatchScore::default() };
-            let order = Some(config.order).filter(|order| *order != Order::Auto);
-            return Ok(vec![Found { proposal, order, explained: 0.0 }]);
-        }
-        match config.order {
-            Order::Auto => search_unknown(surface, &context),
-            order => search_known(surface, order, &context),
-        }
-    }
-
-    /// Refines the candidates until one holds: its order is the declared one, or is found again about the refined axis.
-    fn settle(&self, prepared: &Prepared, candidates: &[Found], control: &Control) -> Result<Settled> {
-        /// Candidates that are refined before the search is given up.
-        const TRIED: usize = 3;
-        /// Angle within which an axis that was refused, or one that passed, stands for others of its order \[rad\].
-        const REFUSED: f64 = 0.02;
-        const PASSED: f64 = 0.17;
-        /// Score from which on no other axis is refined.
-        const CERTAIN: f64 = 0.9;
-        let surface = &prepared.surface;
-        let declared = self.config.order;
-        let mut refusal = None;
-        let mut best: Option<Settled> = None;
-        let mut answered: Vec<(&Found, f64)> = Vec::new();
-        let mut tried = 0;
-        for candidate in candidates {
-            // What has its answer is not tried again a little beside.
-            let stands_for_it = |(f, within): &(&Found, f64)| {
-                f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < *within
-            };
-            if tried == TRIED || answered.iter().any(stands_for_it) {
-                continue;
-            }
-            tried += 1;
-            // Where no order is known yet, turns of the continuous group align whatever there is.
-            let start = candidate.order.unwrap_or(Order::Continuous);
-            let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
-            let detection = self.detect(prepared, &refined.axis);
-            let order = if declared == Order::Auto { detection.order } else { Some(declared) };
-            let Some(order) = order else {
-                refusal.get_or_insert((refined.axis, detection));
-                answered.push((candidate, REFUSED));
-                continue;
-            };
-            if order != start {
-                refined = self.refine(surface, refined.axis, order, control)?;
-            }
-            let turns = Turns::half(order, self.config.refine.max_turns);
-            let samples = surface.samples.strided(JUDGED);
-            let gate = self.final_gate(surface);
-            let sight = prepared.sight(&refined.axis);
-            let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
-            let Remarks { warnings, ambiguous } =
-                remarks(declared, candidate, candidates, &refined.axis, &detection, prepared);
-            let trust = score.trust(surface.oriented);
-            if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
-                best = Some(Settled { refined, order, score, detection, ambiguous, warnings });
-            }
-            // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
-            // smaller one hides less.
-            let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
-            if trust >= enough {
-                break;
-            }
-            if trust >= TRACKED {
-                answered.push((candidate, PASSED));
-            }
-        }
-        best.ok_or_else(|| no_symmetry(prepared, refusal))
-    }
-
-    fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
-        let surface = &prepared.surface;
-        let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
-        let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
-        let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
-        let mut params = self.config.detect.clone();
-        if self.config.order != Order::Auto {
-            params.samples = params.samples.min(REMARKED);
-            params.ring_samples = params.ring_samples.min(REMARKED);
-        }
-        let sight = prepared.sight(axis);
-        let mut detection = detect_order(surface, axis, gate, sight, &params);
-        let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
-        if let Some(order) = detection.order.filter(|_| shows_details)
-            && let Some(part) = order_of_details(surface, axis, gate, sight, order, &params)
-        {
-            detection.order = Some(Order::Cyclic(part));
-            detection.rest = Some(order);
-        }
-        detection
-    }
-
-    /// Aligns on a few of the points, then on many, then moves all points too.
-    fn refine(&self, surface: &Surface, start: Axis, order: Order, control: &Control) -> Result<Refined> {
-        let Config { residual, refine: params, .. } = &self.config;
-        let turns = Turns::half(order, params.max_turns);
-        let last_gate = params.gate * surface.spacing;
-        let coarse = surface.samples.strided(COARSE);
-        // The last digits of the search are noise, and different ones lead to slightly different ends: without them, two
-        // clouds that differ by a rounding error almost always go the same way.
-        let start = start.rounded(&surface.centroid, surface.radius, START_STEPS);
-        let gates = [6.0 * last_gate, last_gate];
-        let from_beside = self.config.propose.search && !surface.oriented;
-        let align_coarse = if from_beside { align_from_beside } else { align };
-        let near = align_coarse(surface, &coarse, start, &turns, *residual, gates, params, control)?;
-        let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
-        let samples = surface.samples.scattered(params.samples, surface.spacing);
-        let mut aligned =
-            align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
-        aligned.gain = aligned.gain.min(near.gain);
-        refine_jointly(surface, &samples, &aligned, order, *residual, self.config.joint, params, control)
-    }
-
-    fn final_gate(&self, surface: &Surface) -> Gate {
-        let params = &self.config.refine;
-        Gate::new(3.0 * surface.spacing, params.max_normal_angle.cos())
+        let candidates = match config.order {
+            Order::Auto => search_unknown(surface, &context)?,
+            order => search_known(surface, order, &context)?,
+        };
+        stages.begin("refine")?;
+        let settled = self.settle(&prepared, &candidates, stages.control())?;
+        Ok(Aligned { prepared, candidates, settled })
     }
 
     /// Match score of rotations by any angle.
@@ -381,43 +313,24 @@ impl Estimator {
     }
 }
 
-/// Points on which the final axis is judged.
-const JUDGED: usize = 4000;
-
-/// Steps of a radian, and of the radius of the part, to which the start of the refinement is rounded.
-const START_STEPS: f64 = 512.0;
-
-/// Points on which the axis is aligned before all are used.
-const COARSE: usize = 4000;
-
-/// Distance of a match when the order is found, and its distance off the plane: it is beside a point that the gaps between
-/// the points count [point spacings].
-const DETECTION_GATE: [f64; 2] = [1.9, 1.1];
-
-/// The same where no viewpoint is known and the points of a surface lie in several layers.
-const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
-
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;
 
-/// Points that suffice to remark on a declared order, which they do not decide.
-const REMARKED: usize = 250;
-
 /// Score below which a pose counts as lost, and the search goes on.
-const TRACKED: f64 = 0.5;
+pub(crate) const TRACKED: f64 = 0.5;
+
+/// Score below which a pose tracked on fewer points is refined on all of them: thin walls may have come to rest on one
+/// another.
+const FOLLOWED: f64 = 0.8;
 
 /// What is left of the score when another axis explains the data about as well: the answer is one of two.
 const AMBIGUOUS: f64 = 0.5;
 
-/// An axis with the order that holds about it.
-struct Settled {
-    refined: Refined,
-    order: Order,
-    score: MatchScore,
-    detection: Detection,
-    /// Another axis explains the data about as well.
-    ambiguous: bool,
-    warnings: Vec<String>,
+/// A surface with the axis that was found for it, and the axes that were considered.
+struct Aligned {
+    prepared: Prepared,
+    candidates: Vec<Found>,
+    settled: Settled,
 }
 
 /// A pose with what is known of it.
@@ -455,27 +368,6 @@ fn register(
     let (covariance, unobservable) = (registered.covariance, registered.unobservable);
     warnings.extend(registered.warnings);
     Ok(Framed { local_from_object, covariance, unobservable })
-}
-
-fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
-    let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
-    let hint =
-        if prepared.surface.oriented { "" } else { "; give the viewpoint or the order, which say more" };
-    let evidence = match refusal {
-        Some((axis, detection)) => Evidence {
-            axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
-            center: world(axis.point),
-            explained: detection.explained,
-            score: 0.0,
-            reason: format!("about the best axis no rotation maps the part to itself{hint}"),
-        },
-        None => Evidence {
-            center: world(prepared.surface.centroid),
-            reason: "no direction within reach could be aligned".to_owned(),
-            ..Evidence::default()
-        },
-    };
-    Error::NoSymmetry { evidence }
 }
 
 fn in_world(found: &Found, world_from_local: &Isometry3<f64>) -> Candidate {

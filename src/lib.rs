@@ -53,6 +53,7 @@
 //! - `io`: reading and writing PLY, PCD and text files.
 //! - `cli`: the `sympose` program.
 //! - `python`: the extension module of the Python package; built by maturin only.
+mod candidates;
 mod clean;
 #[cfg(feature = "cli")]
 pub mod cli;

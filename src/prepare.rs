@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::clean::{of_part, on_surfaces};
 use crate::cloud::PointCloud;
-use crate::config::{ClusterMode, Config, NonFinite, OutlierParams};
+use crate::config::{ClusterMode, Config, NonFinite, OutlierParams, TrackingParams};
 use crate::error::{Error, Result};
 use crate::preprocess::{
     ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
@@ -53,8 +53,13 @@ impl Prepared {
     }
 }
 
-/// Runs all stages before the search for the axis.
-pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) -> Result<Prepared> {
+/// Runs all stages before the search for the axis; with `tracking` on fewer points.
+pub(crate) fn prepare(
+    cloud: &PointCloud,
+    config: &Config,
+    tracking: Option<&TrackingParams>,
+    stages: &mut Stages,
+) -> Result<Prepared> {
     if config.non_finite == NonFinite::Error && cloud.dropped() > 0 {
         return Err(Error::NonFinite { count: cloud.dropped(), total: cloud.dropped() + cloud.len() });
     }
@@ -65,7 +70,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
     stages.begin("ground")?;
     let params = GroundParams { seed: config.seed, ..config.plane.clone() };
     let ground = find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground)?;
-    let (part, region) = match &ground {
+    let (part, mut region) = match &ground {
         Some(Ground { kept, reason, removed, .. }) => {
             stages.text("ground", reason);
             stages.number("ground_points", *removed as f64);
@@ -79,16 +84,32 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         }
         None => (scene, None),
     };
+    let part = match tracking {
+        Some(TrackingParams { points, .. }) if part.points.len() > *points => {
+            let step = part.points.len().div_ceil(*points);
+            region = region.map(|rows| rows.into_iter().step_by(step).collect());
+            let kept: Vec<u32> = (0..part.points.len() as u32).step_by(step).collect();
+            part.select(&kept)
+        }
+        _ => part,
+    };
     enough("ground", part.points.len())?;
 
     stages.begin("downsample")?;
     let diameter = width(&part.points);
     let oriented = cloud.has_viewpoints();
     let layered = oriented && config.smoothing.join_layers;
+    let resolution = match (oriented, layered) {
+        (true, true) => LAYERED,
+        (true, false) => COARSE,
+        (false, _) => FINE,
+    };
     let voxel_size = match config.voxel_size {
         Some(size) => size,
-        None if oriented => default_voxel(&part.points, diameter, if layered { LAYERED } else { COARSE })?,
-        None => default_voxel(&part.points, diameter, FINE)?,
+        None => {
+            let coarsening = tracking.map_or(1.0, |tracking| tracking.coarsening);
+            default_voxel(&part.points, diameter, resolution.coarser(coarsening))?
+        }
     };
     let downsample = if layered { voxel_layers } else { voxel_downsample };
     let grid = downsample(&part.points, voxel_size)?;
@@ -114,7 +135,7 @@ pub(crate) fn prepare(cloud: &PointCloud, config: &Config, stages: &mut Stages) 
         normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
     stages.check()?;
     let on_surface = on_surfaces(&neighbors, &planes, oriented, voxel_size, &outliers)?;
-    let visibility = part.sight(region.as_deref().unwrap_or(&part.rows), &grid, &on_surface);
+    let visibility = part.sight(region.as_deref(), &grid, &on_surface);
     stages.check()?;
     let kept = of_part(&grid.points, on_surface, visibility.as_ref(), voxel_size, diameter, config)?;
     let normals = planes.normals;
@@ -267,23 +288,37 @@ impl<'a> Scene<'a> {
         self.places.get(place).map(|place| (*place).into())
     }
 
-    /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, but not to those of
-    /// the part whose voxel is none of `on_surface`: strays would hide the empty space behind them. `None` without
-    /// viewpoints.
-    fn sight(&self, region: &[u32], grid: &VoxelGrid, on_surface: &[u32]) -> Option<Visibility> {
+    /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part
+    /// where it is `None`, but not to those of the part whose voxel is none of `on_surface`: strays would hide the empty
+    /// space behind them. `None` without viewpoints.
+    fn sight(&self, region: Option<&[u32]>, grid: &VoxelGrid, on_surface: &[u32]) -> Option<Visibility> {
         if !self.cloud.has_viewpoints() {
             return None;
         }
         let mut is_stray = vec![true; grid.points.len()];
         on_surface.iter().for_each(|&voxel| is_stray[voxel as usize] = false);
-        let mut is_left_out = vec![false; self.cloud.len()];
-        for (&row, &voxel) in self.rows.iter().zip(&grid.inverse) {
-            is_left_out[row as usize] = is_stray[voxel as usize];
-        }
-        let rows: Vec<u32> = region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect();
-        let point = |i: usize| self.local(self.cloud.local_points()[rows[i] as usize]).into();
-        let place_of = |i: usize| self.cloud.viewpoints().place_of(rows[i] as usize);
-        Visibility::new(rows.len(), point, &self.places, place_of)
+        // Indices of what is left: points of the part, or rows of the cloud; a copy of the points would be the larger half
+        // of all memory.
+        let left: Vec<u32> = match region {
+            None => {
+                let own = (0_u32..).zip(&grid.inverse);
+                own.filter(|(_, voxel)| !is_stray[**voxel as usize]).map(|(i, _)| i).collect()
+            }
+            Some(region) => {
+                let mut is_left_out = vec![false; self.cloud.len()];
+                for (&row, &voxel) in self.rows.iter().zip(&grid.inverse) {
+                    is_left_out[row as usize] = is_stray[voxel as usize];
+                }
+                region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect()
+            }
+        };
+        let point = |i: usize| match region {
+            None => self.points[left[i] as usize].into(),
+            Some(_) => self.local(self.cloud.local_points()[left[i] as usize]).into(),
+        };
+        let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
+        let place_of = |i: usize| self.cloud.viewpoints().place_of(row(i) as usize);
+        Visibility::new(left.len(), point, &self.places, place_of)
     }
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
@@ -410,6 +445,13 @@ fn outliers_in_one_layer(params: &OutlierParams, has_gaps: bool) -> OutlierParam
 struct Resolution {
     per_diameter: f64,
     least: f64,
+}
+
+impl Resolution {
+    /// The same with voxels `times` as large.
+    fn coarser(self, times: f64) -> Self {
+        Self { per_diameter: self.per_diameter / times, least: self.least / times.powi(2) }
+    }
 }
 
 /// Where the layers of a surface are joined.

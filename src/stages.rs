@@ -48,6 +48,10 @@ impl<'a> Stages<'a> {
         }
     }
 
+    pub(crate) fn control(&self) -> &'a Control {
+        self.control
+    }
+
     /// Stops a long stage between its parts when the work is cancelled.
     pub(crate) fn check(&self) -> Result<()> {
         self.control.check()

@@ -4,7 +4,9 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::time::Duration;
 
+use sympose::config::TrackingParams;
 use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use sympose::result::Diagnostic;
 use sympose::{
     CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Reference, Request,
 };
@@ -226,6 +228,39 @@ fn a_pose_near_the_last_one_is_only_refined() {
 }
 
 #[test]
+fn tracking_looks_at_fewer_points_unless_told_otherwise() {
+    let truth = tilted();
+    let cloud = PointCloud::from_points(moved(&knob(5, 250_000), &truth, 1.0)).unwrap();
+    let request = Request { initial: Some(truth), ..Request::default() };
+    let found = |tracking: TrackingParams| {
+        let config = Config { tracking, ..cyclic(5) };
+        Estimator::new(config).unwrap().estimate_with(&cloud, &request).unwrap()
+    };
+    let whole = found(TrackingParams { coarsening: 1.0, points: 250_000 });
+    let quick = found(TrackingParams { coarsening: 2.0, points: 100_000 });
+    let coarser = |name: &str| match (&quick.diagnostics[name], &whole.diagnostics[name]) {
+        (Diagnostic::Number(quick), Diagnostic::Number(whole)) => quick / whole,
+        other => panic!("{name}: {other:?}"),
+    };
+    assert!((coarser("voxel_size") - 2.0).abs() < 0.05, "{}", coarser("voxel_size"));
+    assert!(quick.inliers.len() <= 100_000 && whole.inliers.len() > 200_000);
+    for estimate in [&whole, &quick] {
+        assert!(axis_error_deg(estimate, &truth) < 0.1);
+        assert!(!estimate.diagnostics.contains_key("tracking"));
+    }
+}
+
+#[test]
+fn what_is_too_little_for_tracking_is_looked_at_in_full() {
+    let truth = tilted();
+    let cloud = PointCloud::from_points(moved(&knob(5, 20_000), &truth, 1.0)).unwrap();
+    let tracking = TrackingParams { coarsening: 1.0, points: 40 };
+    let request = Request { initial: Some(truth), ..Request::default() };
+    let found = Estimator::new(Config { tracking, ..cyclic(5) }).unwrap().estimate_with(&cloud, &request);
+    assert!(found.unwrap().inliers.len() > 15_000);
+}
+
+#[test]
 fn clouds_that_hold_no_part_are_refused_with_a_reason() {
     let line = (0..1000).map(|i| [f64::from(i), 2.0 * f64::from(i), 0.0]).collect();
     assert!(matches!(estimate(line, cyclic(4)), Err(Error::Degenerate { shape: "collinear" })));
@@ -245,6 +280,12 @@ fn settings_outside_their_domain_are_named() {
     let mut no_samples = cyclic(5);
     no_samples.refine.samples = 0;
     assert!(matches!(no_samples.validate(), Err(Error::InvalidParameter { name: "refine.samples", .. })));
+    let trackings =
+        [("tracking.points", 2.0, 0), ("tracking.coarsening", 0.5, 1), ("tracking.coarsening", f64::NAN, 1)];
+    for (setting, coarsening, points) in trackings {
+        let refused = Config { tracking: TrackingParams { coarsening, points }, ..cyclic(5) }.validate();
+        assert!(matches!(refused, Err(Error::InvalidParameter { name, .. }) if name == setting));
+    }
     let mut below_surface = cyclic(5);
     below_surface.outliers.off_surface = Some(-1.0);
     let refused = below_surface.validate();

@@ -1,12 +1,13 @@
 //! The support plane under a part: found, told apart from the part's own flat faces, and removed.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::check_finite;
 use super::cluster::{ClusterParams, main_cluster};
 use super::outline::{Flat, Outline, distance, enclosing_middle};
 use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
+use super::{CHUNK, check_finite};
 use crate::config::GroundMode;
 use crate::error::Result;
 
@@ -174,6 +175,8 @@ impl Scene<'_> {
         // The tails of the noise are on neither side; what is far below is another matter.
         let radius = outline.radius();
         let near: Vec<usize> = (0..self.points.len())
+            .into_par_iter()
+            .with_min_len(CHUNK)
             .filter(|&i| {
                 height(i) > 2.0 * band && outline.contains(axes.flat(&self.points[i]), NEAR * radius)
             })

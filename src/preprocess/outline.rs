@@ -16,6 +16,8 @@ pub(crate) struct Outline {
     inward: Vec<(Flat, f64)>,
     /// Centroid of the hull.
     pub(crate) middle: Flat,
+    /// Distance from the middle to the nearest edge \[length\].
+    inscribed: f64,
     /// Largest distance of a point from the middle for each sector of directions; 0 where there is none.
     pub(crate) reach: Vec<f64>,
 }
@@ -33,7 +35,10 @@ impl Outline {
             let across = [(a[1] - b[1]) / length, (b[0] - a[0]) / length];
             (length > 0.0).then_some((across, dot(across, a)))
         });
-        Some(Self { reach: reach(points, middle), inward: inward.collect(), corners, middle })
+        let inward: Vec<(Flat, f64)> = inward.collect();
+        let inscribed =
+            inward.iter().map(|(across, height)| dot(*across, middle) - height).fold(f64::INFINITY, f64::min);
+        Some(Self { reach: reach(points, middle), inward, corners, middle, inscribed })
     }
 
     /// Half the mean width of the hull \[length\].
@@ -44,7 +49,10 @@ impl Outline {
 
     /// Whether `p` lies in the hull, or less than `margin` \[length\] outside one of its edges.
     pub(crate) fn contains(&self, p: Flat, margin: f64) -> bool {
-        self.inward.iter().all(|(across, height)| dot(*across, p) - height >= -margin)
+        // Most points of a part lie amid the outline, where no edge needs to be looked at.
+        let within = self.inscribed + margin;
+        within > 0.0 && distance_sq(p, self.middle) <= within * within
+            || self.inward.iter().all(|(across, height)| dot(*across, p) - height >= -margin)
     }
 
     /// Distance from the middle to the hull in the direction of each sector \[length\].

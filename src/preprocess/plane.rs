@@ -1,5 +1,7 @@
 //! The plane with the most points: RANSAC, then total least squares on its inliers.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -13,8 +15,10 @@ use crate::error::{Error, Result};
 
 /// Hypotheses between two looks at the stopping rule; fixed, so that it does not depend on the number of threads.
 const BATCH: usize = 64;
-/// Points that a hypothesis is first judged on.
+/// Points that a hypothesis is judged on before it is fitted to all.
 const SAMPLE: usize = 4096;
+/// Those of them on which it is judged first.
+const FIRST: usize = 512;
 /// Hypotheses that are refined on all points.
 const FINALISTS: usize = 4;
 /// Least-squares fits of a finalist, each on the inliers of the one before.
@@ -72,9 +76,11 @@ pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane>
         let batch = BATCH.min(wanted - iterations);
         let triples: Vec<[usize; 3]> =
             (0..batch).map(|_| std::array::from_fn(|_| below(&mut random, points.len()))).collect();
-        finalists.par_extend(triples.into_par_iter().filter_map(|triple| {
+        let least = finalists.get(FINALISTS - 1).map_or(0, |last| last.inliers);
+        finalists.par_extend(triples.into_par_iter().with_min_len(BATCH / 8).filter_map(|triple| {
             let plane = HalfSpace::through(triple.map(|i| Vector3::from(points[i])))?;
-            Some(Candidate { inliers: sample.count(&plane, params.distance), plane })
+            let inliers = sample.count_unless_below(least, &plane, params.distance)?;
+            Some(Candidate { inliers, plane })
         }));
         // Stable: of equal counts the hypothesis drawn first stays in front.
         finalists.sort_by_key(|candidate| std::cmp::Reverse(candidate.inliers));
@@ -125,16 +131,29 @@ struct Sample([Vec<f64>; 3]);
 
 impl Sample {
     fn new(points: &[[f64; 3]], chosen: &[usize]) -> Self {
-        Self([0, 1, 2].map(|axis| chosen.iter().map(|&i| points[i][axis]).collect()))
+        // Any stretch of them is spread over all.
+        let step = chosen.len().div_ceil(FIRST).max(1);
+        let spread = || (0..step).flat_map(|first| chosen.iter().skip(first).step_by(step));
+        Self([0, 1, 2].map(|axis| spread().map(|&i| points[i][axis]).collect()))
     }
 
     fn len(&self) -> usize {
         self.0[0].len()
     }
 
-    /// Points within `distance` of a plane.
-    fn count(&self, plane: &HalfSpace, distance: f64) -> usize {
-        let [x, y, z] = &self.0;
+    /// Points within `distance` of a plane; `None` where already the first ones say that they are fewer than `least`.
+    fn count_unless_below(&self, least: usize, plane: &HalfSpace, distance: f64) -> Option<usize> {
+        /// Standard deviations that a first count is given.
+        const LUCK: f64 = 3.0;
+        let first = FIRST.min(self.len());
+        let few = self.count(0..first, plane, distance);
+        let hoped = few as f64 + LUCK * (few as f64 + 1.0).sqrt();
+        (hoped * self.len() as f64 >= (least * first) as f64)
+            .then(|| few + self.count(first..self.len(), plane, distance))
+    }
+
+    fn count(&self, range: Range<usize>, plane: &HalfSpace, distance: f64) -> usize {
+        let [x, y, z] = self.0.each_ref().map(|values| &values[range.clone()]);
         let near =
             |((x, y), z): ((&f64, &f64), &f64)| u64::from(plane.distance(&[*x, *y, *z]).abs() <= distance);
         x.iter().zip(y).zip(z).map(near).sum::<u64>() as usize

@@ -58,7 +58,7 @@ pub(crate) fn order_of_details(
     if with_details.is_empty() {
         return None;
     }
-    let samples = rings.within(&with_details, surface, SAMPLES);
+    let samples = rings.within(&with_details, &surface.samples, SAMPLES);
     let (fractions, parts): (Vec<_>, Vec<u32>) = match order {
         Order::Cyclic(n) => {
             let fractions: BTreeSet<(u32, u32)> = (1..=n / 2).map(|k| fraction(k, n)).collect();

@@ -106,6 +106,12 @@ pub struct Detection {
 /// Largest order of the sweep that finds the structured rings; with smaller ones there are no generic angles.
 const SURVEY_ORDER: u32 = 24;
 
+/// Points among which those of the structured rings are chosen, for each of them.
+const CANDIDATES: usize = 80;
+
+/// Share of the evidence against every angle at which an axis needs no closer look: far more than any order survives.
+const HOPELESS: f64 = 0.15;
+
 /// Samples that a share of the generic angles contradicts.
 fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize> {
     let contradicted = |i: usize| {
@@ -144,12 +150,26 @@ pub fn detect_order(
         detection.order = detection.order.filter(|_| detection.explained >= params.explained);
         return detection;
     }
+    let orders: Vec<u32> = (2..=params.max_order).collect();
+    if sight.is_known() && generic_all > HOPELESS && params.max_order <= SURVEY_ORDER {
+        let against = |&n: &u32| sweep.order(n, &everything).sum.share_against();
+        let floor = orders.par_iter().map(against).reduce(|| f64::INFINITY, f64::min);
+        if floor > HOPELESS {
+            detection.order = None;
+            detection.explained = 1.0 - floor;
+            return detection;
+        }
+    }
     let rings = Rings::about(axis, &survey);
     let with_structure = structured.iter().map(|&i| rings.of(&survey.points[i])).collect();
-    let samples = rings.within(&with_structure, surface, params.ring_samples);
+    // To look at each point of a large surface would take longer than all that follows.
+    let candidates = surface.samples.strided(CANDIDATES * params.ring_samples);
+    let mut samples = rings.within(&with_structure, &candidates, params.ring_samples);
+    if samples.points.len() < params.ring_samples {
+        samples = rings.within(&with_structure, &surface.samples, params.ring_samples);
+    }
     let sweep = Sweep::new(surface, &samples, axis, params.fractions(), gate, sight);
     let structured = structured_samples(&sweep, samples.points.len(), params.structured);
-    let orders: Vec<u32> = (2..=params.max_order).collect();
     let evidence: Vec<OrderEvidence> = orders.par_iter().map(|&n| sweep.order(n, &structured)).collect();
     detection.against = evidence.iter().map(|e| e.sum.share_against()).collect();
     detection.generic = sweep.generic(&structured).share_against();

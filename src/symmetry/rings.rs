@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::symmetry::axis::Axis;
-use crate::symmetry::surface::{Samples, Surface};
+use crate::symmetry::surface::Samples;
 
 /// Size of a ring in radius and height [largest radius].
 const SIZE: f64 = 0.04;
@@ -34,9 +34,9 @@ impl Rings {
         ((self.axis.distance(point) / self.size) as i32, (height / self.size).floor() as i32)
     }
 
-    /// At most `count` points of the surface in some rings.
-    pub(crate) fn within(&self, rings: &HashSet<Ring>, surface: &Surface, count: usize) -> Samples {
-        let Samples { points, normals } = &surface.samples;
+    /// At most `count` of some points in some rings.
+    pub(crate) fn within(&self, rings: &HashSet<Ring>, samples: &Samples, count: usize) -> Samples {
+        let Samples { points, normals } = samples;
         let inside: Vec<usize> =
             (0..points.len()).into_par_iter().filter(|&i| rings.contains(&self.of(&points[i]))).collect();
         let chosen = Samples {

@@ -22,6 +22,9 @@ const HYPOTHESES: [Order; 5] =
 /// Proposals of each hypothesis that are asked for their order.
 const ASKED: usize = 3;
 
+/// Rotations under which axes are proposed where several views show the part.
+const SEVERAL_VIEWS_TURNS: usize = 3;
+
 /// An axis is as good as the best one when its score reaches this share of it.
 const EQUALLY_GOOD: f64 = 0.85;
 
@@ -85,7 +88,14 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
         ring_samples: context.detect.ring_samples.min(250),
         ..context.detect.clone()
     };
-    let params = ProposeParams { samples: [120, 250, 600], kept: [12, 5, ASKED], ..context.propose.clone() };
+    // What one view shows of a part is little evidence, and all of it is needed.
+    let several = context.visibility.is_some_and(|v| v.views() > 1);
+    let params = ProposeParams {
+        max_turns: context.propose.max_turns.min(if several { SEVERAL_VIEWS_TURNS } else { usize::MAX }),
+        samples: [120, 250, 600],
+        kept: [12, 5, ASKED],
+        ..context.propose.clone()
+    };
     let context = SearchContext { propose: &params, ..*context };
     let mut proposed: Vec<(Axis, Order)> = Vec::new();
     for hypothesis in HYPOTHESES {

@@ -162,12 +162,17 @@ struct DepthMap {
 impl DepthMap {
     fn new(
         center: &Vector3<f64>,
-        point_of: impl Fn(usize) -> Vector3<f64>,
+        point_of: impl Fn(usize) -> Vector3<f64> + Sync,
         indices: &[u32],
         points_per_cell: f64,
     ) -> Option<Self> {
-        let rays = || indices.iter().map(|&i| point_of(i as usize) - center);
-        let middle: Vector3<f64> = rays().filter_map(|ray| ray.try_normalize(0.0)).sum();
+        /// Points that suffice to find the middle of a view.
+        const AIMED_AT: usize = 4096;
+        /// Points in a unit of parallel work.
+        const CHUNK: usize = 4096;
+        let ray = |i: &u32| point_of(*i as usize) - center;
+        let some = indices.iter().step_by(indices.len().div_ceil(AIMED_AT).max(1));
+        let middle: Vector3<f64> = some.filter_map(|i| ray(i).try_normalize(0.0)).sum();
         let toward = middle.try_normalize(1e-9)?;
         let up = Vector3::ith(toward.iamin(), 1.0);
         let camera_from_world = Rotation3::look_at_lh(&toward, &up).into_inner();
@@ -180,7 +185,11 @@ impl DepthMap {
             let uv = [local.x / local.z, local.y / local.z];
             (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
         };
-        let projected: Vec<([f64; 2], f32)> = rays().filter_map(project).collect();
+        let projected: Vec<Vec<([f64; 2], f32)>> = indices
+            .par_chunks(CHUNK)
+            .map(|chunk| chunk.iter().map(ray).filter_map(project).collect())
+            .collect();
+        let projected = projected.concat();
         let mut lower = [f64::INFINITY; 2];
         let mut upper = [f64::NEG_INFINITY; 2];
         for (uv, _) in &projected {

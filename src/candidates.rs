@@ -1,0 +1,187 @@
+//! The axes that a search or an earlier pose gave, refined one after the other until one holds.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::config::Config;
+use crate::control::Control;
+use crate::error::{Error, Evidence, Result};
+use crate::estimate::{Estimator, TRACKED};
+use crate::prepare::Prepared;
+use crate::remarks::{Remarks, remarks};
+use crate::symmetry::axis::Axis;
+use crate::symmetry::details::order_of_details;
+use crate::symmetry::detect::{Detection, detect_order};
+use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
+use crate::symmetry::score::{MatchScore, match_score};
+use crate::symmetry::search::Found;
+use crate::symmetry::surface::{Gate, Surface};
+
+/// Points on which the final axis is judged.
+const JUDGED: usize = 4000;
+
+/// Steps of a radian, and of the radius of the part, to which the start of the refinement is rounded.
+const START_STEPS: f64 = 512.0;
+
+/// Points on which the axis is aligned before all are used.
+const COARSE: usize = 4000;
+
+/// Distance of a match when the order is found, and its distance off the plane: it is beside a point that the gaps between
+/// the points count [point spacings].
+const DETECTION_GATE: [f64; 2] = [1.9, 1.1];
+
+/// The same where no viewpoint is known and the points of a surface lie in several layers.
+const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
+
+/// Points that suffice to remark on a declared order, which they do not decide.
+const REMARKED: usize = 250;
+
+/// An axis with the order that holds about it.
+pub(crate) struct Settled {
+    pub refined: Refined,
+    pub order: Order,
+    pub score: MatchScore,
+    pub detection: Detection,
+    /// Another axis explains the data about as well.
+    pub ambiguous: bool,
+    pub warnings: Vec<String>,
+}
+
+impl Estimator {
+    /// Refines the candidates until one holds: its order is the declared one, or is found again about the refined axis.
+    pub(crate) fn settle(
+        &self,
+        prepared: &Prepared,
+        candidates: &[Found],
+        control: &Control,
+    ) -> Result<Settled> {
+        /// Candidates that are refined before the search is given up.
+        const TRIED: usize = 3;
+        /// Angle within which an axis that was refused, or one that passed, stands for others of its order \[rad\].
+        const REFUSED: f64 = 0.02;
+        const PASSED: f64 = 0.17;
+        /// Score from which on no other axis is refined.
+        const CERTAIN: f64 = 0.9;
+        let surface = &prepared.surface;
+        let declared = self.config().order;
+        let mut refusal = None;
+        let mut best: Option<Settled> = None;
+        let mut answered: Vec<(&Found, f64)> = Vec::new();
+        let mut tried = 0;
+        for candidate in candidates {
+            // What has its answer is not tried again a little beside.
+            let stands_for_it = |(f, within): &(&Found, f64)| {
+                f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < *within
+            };
+            if tried == TRIED || answered.iter().any(stands_for_it) {
+                continue;
+            }
+            tried += 1;
+            // Where no order is known yet, turns of the continuous group align whatever there is.
+            let start = candidate.order.unwrap_or(Order::Continuous);
+            let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
+            let detection = self.detect(prepared, &refined.axis);
+            let order = if declared == Order::Auto { detection.order } else { Some(declared) };
+            let Some(order) = order else {
+                refusal.get_or_insert((refined.axis, detection));
+                answered.push((candidate, REFUSED));
+                continue;
+            };
+            if order != start {
+                refined = self.refine(surface, refined.axis, order, control)?;
+            }
+            let turns = Turns::half(order, self.config().refine.max_turns);
+            let samples = surface.samples.strided(JUDGED);
+            let gate = self.final_gate(surface);
+            let sight = prepared.sight(&refined.axis);
+            let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
+            let Remarks { warnings, ambiguous } =
+                remarks(declared, candidate, candidates, &refined.axis, &detection, prepared);
+            let trust = score.trust(surface.oriented);
+            if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
+                best = Some(Settled { refined, order, score, detection, ambiguous, warnings });
+            }
+            // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
+            // smaller one hides less.
+            let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
+            if trust >= enough {
+                break;
+            }
+            if trust >= TRACKED {
+                answered.push((candidate, PASSED));
+            }
+        }
+        best.ok_or_else(|| no_symmetry(prepared, refusal))
+    }
+
+    /// Finds the order about an axis.
+    fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
+        let surface = &prepared.surface;
+        let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
+        let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
+        let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
+        let mut params = self.config().detect.clone();
+        if self.config().order != Order::Auto {
+            params.samples = params.samples.min(REMARKED);
+            params.ring_samples = params.ring_samples.min(REMARKED);
+        }
+        let sight = prepared.sight(axis);
+        let mut detection = detect_order(surface, axis, gate, sight, &params);
+        let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
+        if let Some(order) = detection.order.filter(|_| shows_details)
+            && let Some(part) = order_of_details(surface, axis, gate, sight, order, &params)
+        {
+            detection.order = Some(Order::Cyclic(part));
+            detection.rest = Some(order);
+        }
+        detection
+    }
+
+    /// Aligns on a few of the points, then on many, then moves all points too.
+    fn refine(&self, surface: &Surface, start: Axis, order: Order, control: &Control) -> Result<Refined> {
+        let Config { residual, refine: params, .. } = self.config();
+        let turns = Turns::half(order, params.max_turns);
+        let last_gate = params.gate * surface.spacing;
+        let coarse = surface.samples.strided(COARSE);
+        // The last digits of the search are noise, and different ones lead to slightly different ends: without them, two
+        // clouds that differ by a rounding error almost always go the same way.
+        let start = start.rounded(&surface.centroid, surface.radius, START_STEPS);
+        let gates = [6.0 * last_gate, last_gate];
+        let from_beside = self.config().propose.search && !surface.oriented;
+        let align_coarse = if from_beside { align_from_beside } else { align };
+        let near = align_coarse(surface, &coarse, start, &turns, *residual, gates, params, control)?;
+        let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
+        let samples = surface.samples.scattered(params.samples, surface.spacing);
+        let mut aligned =
+            align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
+        aligned.gain = aligned.gain.min(near.gain);
+        refine_jointly(surface, &samples, &aligned, order, *residual, self.config().joint, params, control)
+    }
+
+    /// What a match may differ in where an axis is judged.
+    pub(crate) fn final_gate(&self, surface: &Surface) -> Gate {
+        let params = &self.config().refine;
+        Gate::new(3.0 * surface.spacing, params.max_normal_angle.cos())
+    }
+}
+
+fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
+    let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
+    let hint =
+        if prepared.surface.oriented { "" } else { "; give the viewpoint or the order, which say more" };
+    let evidence = match refusal {
+        Some((axis, detection)) => Evidence {
+            axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
+            center: world(axis.point),
+            explained: detection.explained,
+            score: 0.0,
+            reason: format!("about the best axis no rotation maps the part to itself{hint}"),
+        },
+        None => Evidence {
+            center: world(prepared.surface.centroid),
+            reason: "no direction within reach could be aligned".to_owned(),
+            ..Evidence::default()
+        },
+    };
+    Error::NoSymmetry { evidence }
+}

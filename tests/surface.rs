@@ -1,0 +1,60 @@
+//! Nearest points by lookup against a search through all points.
+
+use proptest::prelude::*;
+use sympose::nalgebra::Vector3;
+use sympose::symmetry::surface::{Gate, Samples, Surface};
+
+const SPACING: f64 = 0.02;
+
+/// A bumpy sheet, rolled up to an open tube: both of its sides, several layers of tiles.
+fn tube(points: usize, bumps: f64) -> Samples {
+    let place = |i: usize| {
+        let turn = 5.0 * (i as f64 * 0.618_033_988_749_894_9).fract();
+        let height = i as f64 / points as f64 - 0.5;
+        let radius = 0.5 + bumps * (7.0 * turn).sin() * (11.0 * height).cos();
+        Vector3::new(radius * turn.cos(), radius * turn.sin(), height)
+    };
+    let points: Vec<Vector3<f64>> = (0..points).map(place).collect();
+    let normals = points.iter().map(|p| Vector3::new(p.x, p.y, 0.0).normalize()).collect();
+    Samples { points, normals }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(100) })]
+
+    #[test]
+    fn the_table_knows_the_nearest_point(
+        count in 1_usize..6000,
+        bumps in 0.0..0.1,
+        reach in 0.5..11.0,
+        offsets in prop::collection::vec((0.0..1.0, prop::array::uniform3(-1.0..1.0_f64)), 200),
+    ) {
+        let samples = tube(count, bumps);
+        let surface = Surface::new(samples.clone(), true, SPACING, 0.5);
+        let gate = Gate::new(reach * SPACING, -1.0);
+        let normal = Vector3::x();
+        // The tables are as coarse as a spacing near by and three farther away. A point clearly farther than the nearest
+        // one is found only where both are about as far from the middle of a cell.
+        let cell = if reach <= 3.0 { SPACING } else { 3.0 * SPACING };
+        let farthest = 3_f64.sqrt() * cell;
+        let mut missed = 0;
+        for (at, [x, y, z]) in &offsets {
+            let middle = samples.points[(at * count as f64) as usize];
+            let query = middle + Vector3::new(*x, *y, *z) * (2.0 * gate.distance);
+            let distance = |p: &Vector3<f64>| (p - query).norm();
+            let nearest = samples.points.iter().map(distance).fold(f64::INFINITY, f64::min);
+            match surface.matching(&query, &normal, gate).map(|i| distance(&samples.points[i as usize])) {
+                Some(found) => {
+                    prop_assert!(found < gate.distance && found < nearest + farthest);
+                    missed += usize::from(found > nearest + 0.2 * cell);
+                }
+                None => {
+                    prop_assert!(nearest > gate.distance - farthest);
+                    missed += usize::from(nearest < gate.distance - 0.2 * cell);
+                }
+            }
+        }
+        let most = if reach <= 3.0 { offsets.len() / 10 } else { offsets.len() / 3 };
+        prop_assert!(missed <= most, "{missed} of {}", offsets.len());
+    }
+}
