@@ -11,6 +11,8 @@ use crate::result::Diagnostic;
 pub(crate) struct Stages<'a> {
     control: &'a Control,
     running: Option<(&'static str, Instant)>,
+    /// Share of the whole that was reported last.
+    done: f64,
     timings: BTreeMap<String, f64>,
     diagnostics: BTreeMap<String, Diagnostic>,
 }
@@ -31,15 +33,17 @@ impl<'a> Stages<'a> {
     ];
 
     pub(crate) fn new(control: &'a Control) -> Self {
-        Self { control, running: None, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
+        Self { control, running: None, done: 0.0, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
     }
 
     /// Ends the running stage, reports that the next one begins, and fails when the work is to stop.
     pub(crate) fn begin(&mut self, stage: &'static str) -> Result<()> {
         self.end();
         self.running = Some((stage, Instant::now()));
-        let done = Self::NAMES.iter().position(|name| *name == stage).unwrap_or(0);
-        self.control.report(stage, done as f64 / Self::NAMES.len() as f64)
+        let before = Self::NAMES.iter().position(|name| *name == stage).unwrap_or(0);
+        // A stage may run again, on all points after some of them, but progress does not go back.
+        self.done = self.done.max(before as f64 / Self::NAMES.len() as f64);
+        self.control.report(stage, self.done)
     }
 
     fn end(&mut self) {

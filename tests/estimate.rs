@@ -255,9 +255,16 @@ fn what_is_too_little_for_tracking_is_looked_at_in_full() {
     let truth = tilted();
     let cloud = PointCloud::from_points(moved(&knob(5, 20_000), &truth, 1.0)).unwrap();
     let tracking = TrackingParams { coarsening: 1.0, points: 40 };
-    let request = Request { initial: Some(truth), ..Request::default() };
+    let (reports, reported) = std::sync::mpsc::channel();
+    let control = Control::new().with_progress(move |_, done| reports.send(done).unwrap());
+    let request = Request { initial: Some(truth), control, ..Request::default() };
     let found = Estimator::new(Config { tracking, ..cyclic(5) }).unwrap().estimate_with(&cloud, &request);
-    assert!(found.unwrap().inliers.len() > 15_000);
+    let found = found.unwrap();
+    assert!(found.inliers.len() > 15_000);
+    assert!(found.diagnostics.contains_key("tracking"));
+    drop(request);
+    let reported: Vec<f64> = reported.iter().collect();
+    assert!(reported.len() > 8 && reported.is_sorted(), "{reported:?}");
 }
 
 #[test]

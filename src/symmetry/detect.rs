@@ -162,9 +162,10 @@ pub fn detect_order(
     }
     let rings = Rings::about(axis, &survey);
     let with_structure = structured.iter().map(|&i| rings.of(&survey.points[i])).collect();
-    // To look at each point of a large surface would take longer than all that follows.
-    let candidates = surface.samples.strided(CANDIDATES * params.ring_samples);
-    let mut samples = rings.within(&with_structure, &candidates, params.ring_samples);
+    // To look at each point of a large surface takes longer than all that follows; without viewpoints peaks are small and
+    // need the points that are best spread over the rings.
+    let looked_at = if sight.is_known() { CANDIDATES * params.ring_samples } else { surface.len() };
+    let mut samples = rings.within(&with_structure, &surface.samples.strided(looked_at), params.ring_samples);
     if samples.points.len() < params.ring_samples {
         samples = rings.within(&with_structure, &surface.samples, params.ring_samples);
     }

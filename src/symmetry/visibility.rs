@@ -166,13 +166,13 @@ impl DepthMap {
         indices: &[u32],
         points_per_cell: f64,
     ) -> Option<Self> {
-        /// Points that suffice to find the middle of a view.
-        const AIMED_AT: usize = 4096;
         /// Points in a unit of parallel work.
         const CHUNK: usize = 4096;
         let ray = |i: &u32| point_of(*i as usize) - center;
-        let some = indices.iter().step_by(indices.len().div_ceil(AIMED_AT).max(1));
-        let middle: Vector3<f64> = some.filter_map(|i| ray(i).try_normalize(0.0)).sum();
+        let toward = |chunk: &[u32]| -> Vector3<f64> {
+            chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
+        };
+        let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
         let toward = middle.try_normalize(1e-9)?;
         let up = Vector3::ith(toward.iamin(), 1.0);
         let camera_from_world = Rotation3::look_at_lh(&toward, &up).into_inner();
