@@ -35,8 +35,8 @@ use crate::symmetry::surface::Samples;
 pub struct Request {
     /// Cancellation, deadline and progress.
     pub control: Control,
-    /// Refine from this `world_from_object` only, on fewer points ([`TrackingParams`](crate::config::TrackingParams)); on
-    /// all of them where the score is low, and search when that fails.
+    /// Refine from this `world_from_object` only, on fewer points ([`TrackingParams`]); on all of them where the
+    /// score is low, and search when that fails.
     pub initial: Option<Isometry3<f64>>,
     /// Among the equivalent poses return the one nearest to this `world_from_object`.
     pub prefer: Option<Isometry3<f64>>,

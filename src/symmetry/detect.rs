@@ -109,8 +109,8 @@ const SURVEY_ORDER: u32 = 24;
 /// Points among which those of the structured rings are chosen, for each of them.
 const CANDIDATES: usize = 80;
 
-/// Share of the evidence against every angle at which an axis needs no closer look: far more than any order survives.
-const HOPELESS: f64 = 0.15;
+/// Evidence against every order at which an axis needs no closer look [what an order may leave unexplained].
+const HOPELESS: f64 = 5.0;
 
 /// Samples that a share of the generic angles contradicts.
 fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize> {
@@ -151,10 +151,11 @@ pub fn detect_order(
         return detection;
     }
     let orders: Vec<u32> = (2..=params.max_order).collect();
-    if sight.is_known() && generic_all > HOPELESS && params.max_order <= SURVEY_ORDER {
+    let hopeless = HOPELESS * (1.0 - params.explained);
+    if sight.is_known() && generic_all > hopeless && params.max_order <= SURVEY_ORDER {
         let against = |&n: &u32| sweep.order(n, &everything).sum.share_against();
         let floor = orders.par_iter().map(against).reduce(|| f64::INFINITY, f64::min);
-        if floor > HOPELESS {
+        if floor > hopeless {
             detection.order = None;
             detection.explained = 1.0 - floor;
             return detection;
