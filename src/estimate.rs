@@ -13,13 +13,11 @@ use crate::error::{Error, Evidence, Result};
 use crate::frames::{height_over, place, plane_in_world};
 use crate::prepare::{Prepared, prepare};
 use crate::reference::{ORIENTED, Reference, Scan};
-
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::complete;
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
-
 use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
