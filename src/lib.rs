@@ -72,6 +72,7 @@ pub mod preprocess;
 mod python;
 pub mod reference;
 mod remarks;
+mod resolution;
 pub mod result;
 pub mod schema;
 pub mod spatial;

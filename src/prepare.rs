@@ -9,9 +9,10 @@ use crate::config::{ClusterMode, Config, NonFinite, OutlierParams, TrackingParam
 use crate::error::{Error, Result};
 use crate::preprocess::{
     ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
-    find_ground, main_cluster, mean_heights, median_spacing, normals_from_neighbors, separate_sides,
-    voxel_downsample, voxel_layers,
+    find_ground, main_cluster, mean_heights, normals_from_neighbors, separate_sides, voxel_downsample,
+    voxel_layers,
 };
+use crate::resolution::{COARSE, FINE, LAYERED, default_voxel, width};
 use crate::spatial::KdTree;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -85,13 +86,8 @@ pub(crate) fn prepare(
         None => (scene, None),
     };
     let part = match tracking {
-        Some(TrackingParams { points, .. }) if part.points.len() > *points => {
-            let step = part.points.len().div_ceil(*points);
-            region = region.map(|rows| rows.into_iter().step_by(step).collect());
-            let kept: Vec<u32> = (0..part.points.len() as u32).step_by(step).collect();
-            part.select(&kept)
-        }
-        _ => part,
+        Some(TrackingParams { points, .. }) => part.thinned(*points, &mut region),
+        None => part,
     };
     enough("ground", part.points.len())?;
 
@@ -343,6 +339,30 @@ impl<'a> Scene<'a> {
         Ok(self)
     }
 
+    /// Every so manieth point where there are more than `most`, and as thin a `region` around: the depth maps count on
+    /// points that are as dense everywhere.
+    fn thinned(self, most: usize, region: &mut Option<Vec<u32>>) -> Self {
+        let step = self.points.len().div_ceil(most);
+        if step <= 1 {
+            return self;
+        }
+        if let Some(rows) = region {
+            let mut is_kept = vec![None; self.cloud.len()];
+            for (i, &row) in self.rows.iter().enumerate() {
+                is_kept[row as usize] = Some(i % step == 0);
+            }
+            let mut others = 0;
+            rows.retain(|&row| {
+                is_kept[row as usize].unwrap_or_else(|| {
+                    others += 1;
+                    others % step == 0
+                })
+            });
+        }
+        let kept: Vec<u32> = (0..self.points.len() as u32).step_by(step).collect();
+        self.select(&kept)
+    }
+
     fn select(self, kept: &[u32]) -> Self {
         let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
         Self {
@@ -396,28 +416,6 @@ fn principal_frame(points: &[[f64; 3]]) -> Result<Isometry3<f64>> {
     Ok(Isometry3::from_parts(centroid.into(), rotation.into()))
 }
 
-/// Largest extent over thirteen directions, without the outermost half percent at either end \[length\].
-fn width(points: &[[f64; 3]]) -> f64 {
-    const TRIMMED: f64 = 0.005;
-    /// More points than this do not make the quantiles better.
-    const LOOKED_AT: usize = 20_000;
-    let step = points.len().div_ceil(LOOKED_AT);
-    let directions = (0..27).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)));
-    directions
-        .map(|d| d.add_scalar(-1.0))
-        .take(13)
-        .map(|d| {
-            let d = d.normalize();
-            let mut along: Vec<f64> =
-                points.iter().step_by(step).map(|p| d.dot(&Vector3::from(*p))).collect();
-            let last = along.len() - 1;
-            let low = (TRIMMED * last as f64) as usize;
-            let lower = *along.select_nth_unstable_by(low, f64::total_cmp).1;
-            *along.select_nth_unstable_by(last - low, f64::total_cmp).1 - lower
-        })
-        .fold(0.0, f64::max)
-}
-
 /// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.
 fn in_one_layer(k: usize) -> usize {
     (3 * k / 5).max(k.min(3))
@@ -438,66 +436,6 @@ fn outliers_in_one_layer(params: &OutlierParams, has_gaps: bool) -> OutlierParam
         scattered: params.scattered.map(|limit| closer * limit),
         ..params.clone()
     }
-}
-
-/// Voxels across the diameter, and the fewest of a surface; where there are fewer, up to half the size is taken.
-#[derive(Clone, Copy)]
-struct Resolution {
-    per_diameter: f64,
-    least: f64,
-}
-
-impl Resolution {
-    /// The same with voxels `times` as large.
-    fn coarser(self, times: f64) -> Self {
-        Self { per_diameter: self.per_diameter / times, least: self.least / times.powi(2) }
-    }
-}
-
-/// Where the layers of a surface are joined.
-const LAYERED: Resolution = Resolution { per_diameter: 165.0, least: 20_000.0 };
-
-/// Where they are not.
-const COARSE: Resolution = Resolution { per_diameter: 200.0, least: 0.0 };
-
-/// The same where both sides of a blade thinner than a voxel would fall into one mean, since without viewpoints nothing
-/// tells them apart.
-const FINE: Resolution = Resolution { per_diameter: 280.0, least: 0.0 };
-
-/// A voxel's share of the diameter, or the spacing of the points where they are sparser.
-fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> Result<f64> {
-    /// The size is not reduced further than to this share.
-    const FINEST: f64 = 0.5;
-    /// Least size \[spacings of the points\].
-    const SPARSEST: f64 = 1.2;
-    /// A spacing that is known from this many points is known well enough.
-    const LOOKED_AT: usize = 200_000;
-    let step = points.len().div_ceil(LOOKED_AT);
-    let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
-    let Resolution { per_diameter, least } = resolution;
-    let mut size = diameter / per_diameter;
-    if least > 0.0 && size > 0.0 {
-        let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
-        size *= (voxels / least).sqrt().clamp(FINEST, 1.0);
-    }
-    if size > 0.0 && mostly_within(&sample, (step as f64).sqrt() * size / SPARSEST) {
-        return Ok(size);
-    }
-    let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
-    let size = size.max(SPARSEST * spacing);
-    if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
-}
-
-/// Whether most points surely have another one, not at the same place, within `distance`: such as share a cell of that
-/// diagonal. It takes less than the tree that would know it of each.
-fn mostly_within(points: &[[f64; 3]], distance: f64) -> bool {
-    let edge = distance / f64::sqrt(3.0);
-    let Ok(cells) = voxel_downsample(points, edge) else { return false };
-    // Of points at one place the mean is there, too.
-    let off_mean =
-        |p: &[f64; 3], mean: &[f64; 3]| p.iter().zip(mean).any(|(x, mean)| (x - mean).abs() > 1e-9 * edge);
-    let rows = points.iter().zip(&cells.inverse);
-    2 * rows.filter(|(p, cell)| off_mean(p, &cells.points[**cell as usize])).count() > points.len()
 }
 
 /// Normals given by the caller win over estimated ones where there are any; those of a patch are made to agree first.

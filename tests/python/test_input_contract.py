@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import sympose
 from conftest import ORDER, Part, make_part
-from sympose import Config, InsufficientDataError, InvalidInputError, PinholeCamera, Scene, View
+from sympose import Config, InsufficientDataError, InvalidInputError, PinholeCamera, Scene, View, datasets
 
 Points = NDArray[np.float64]
 
@@ -227,6 +227,18 @@ def test_tracking_starts_from_an_estimate_or_a_matrix(part: Part, estimate: symp
     for initial in (estimate, estimate.pose):
         found = sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, initial=initial)
         assert abs(found.axis @ estimate.axis) > np.cos(np.radians(0.2))
+
+
+def test_tracking_sees_the_free_space_about_a_part_on_a_table() -> None:
+    scanned = datasets.scan(datasets.part("propeller_3"), "table", views=5, seed=1)
+    whole = sympose.estimate(scanned.scene, order=3)
+    few = sympose.Config(tracking={"points": 20_000})
+    tracked = sympose.estimate(scanned.scene, order=3, initial=whole, config=few)
+    assert tracked.ground is not None
+    assert len(tracked.inliers) <= 20_000 < len(whole.inliers)
+    assert "tracking" not in tracked.diagnostics
+    assert tracked.score > whole.score - 0.03
+    assert abs(tracked.axis @ scanned.axis) > np.cos(np.radians(0.1))
 
 
 def test_the_preferred_pose_is_the_nearest_equivalent(part: Part, estimate: sympose.Estimate) -> None:

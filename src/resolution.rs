@@ -1,0 +1,89 @@
+//! How finely a part is looked at: its size, and the edge of a voxel that suits it.
+
+use nalgebra::Vector3;
+
+use crate::error::{Error, Result};
+use crate::preprocess::{median_spacing, voxel_downsample};
+use crate::spatial::KdTree;
+
+/// Largest extent over thirteen directions, without the outermost half percent at either end \[length\].
+pub(crate) fn width(points: &[[f64; 3]]) -> f64 {
+    const TRIMMED: f64 = 0.005;
+    /// More points than this do not make the quantiles better.
+    const LOOKED_AT: usize = 20_000;
+    let step = points.len().div_ceil(LOOKED_AT);
+    let directions = (0..27).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)));
+    directions
+        .map(|d| d.add_scalar(-1.0))
+        .take(13)
+        .map(|d| {
+            let d = d.normalize();
+            let mut along: Vec<f64> =
+                points.iter().step_by(step).map(|p| d.dot(&Vector3::from(*p))).collect();
+            let last = along.len() - 1;
+            let low = (TRIMMED * last as f64) as usize;
+            let lower = *along.select_nth_unstable_by(low, f64::total_cmp).1;
+            *along.select_nth_unstable_by(last - low, f64::total_cmp).1 - lower
+        })
+        .fold(0.0, f64::max)
+}
+
+/// Voxels across the diameter, and the fewest of a surface; where there are fewer, up to half the size is taken.
+#[derive(Clone, Copy)]
+pub(crate) struct Resolution {
+    per_diameter: f64,
+    least: f64,
+}
+
+impl Resolution {
+    /// The same with voxels `times` as large.
+    pub(crate) fn coarser(self, times: f64) -> Self {
+        Self { per_diameter: self.per_diameter / times, least: self.least / times.powi(2) }
+    }
+}
+
+/// Where the layers of a surface are joined.
+pub(crate) const LAYERED: Resolution = Resolution { per_diameter: 165.0, least: 20_000.0 };
+
+/// Where they are not.
+pub(crate) const COARSE: Resolution = Resolution { per_diameter: 200.0, least: 0.0 };
+
+/// The same where both sides of a blade thinner than a voxel would fall into one mean, since without viewpoints nothing
+/// tells them apart.
+pub(crate) const FINE: Resolution = Resolution { per_diameter: 280.0, least: 0.0 };
+
+/// A voxel's share of the diameter, or the spacing of the points where they are sparser.
+pub(crate) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> Result<f64> {
+    /// The size is not reduced further than to this share.
+    const FINEST: f64 = 0.5;
+    /// Least size \[spacings of the points\].
+    const SPARSEST: f64 = 1.2;
+    /// A spacing that is known from this many points is known well enough.
+    const LOOKED_AT: usize = 200_000;
+    let step = points.len().div_ceil(LOOKED_AT);
+    let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
+    let Resolution { per_diameter, least } = resolution;
+    let mut size = diameter / per_diameter;
+    if least > 0.0 && size > 0.0 {
+        let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
+        size *= (voxels / least).sqrt().clamp(FINEST, 1.0);
+    }
+    if size > 0.0 && mostly_within(&sample, (step as f64).sqrt() * size / SPARSEST) {
+        return Ok(size);
+    }
+    let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
+    let size = size.max(SPARSEST * spacing);
+    if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
+}
+
+/// Whether most points surely have another one, not at the same place, within `distance`: such as share a cell of that
+/// diagonal. It takes less than the tree that would know it of each.
+fn mostly_within(points: &[[f64; 3]], distance: f64) -> bool {
+    let edge = distance / f64::sqrt(3.0);
+    let Ok(cells) = voxel_downsample(points, edge) else { return false };
+    // Of points at one place the mean is there, too.
+    let off_mean =
+        |p: &[f64; 3], mean: &[f64; 3]| p.iter().zip(mean).any(|(x, mean)| (x - mean).abs() > 1e-9 * edge);
+    let rows = points.iter().zip(&cells.inverse);
+    2 * rows.filter(|(p, cell)| off_mean(p, &cells.points[**cell as usize])).count() > points.len()
+}
