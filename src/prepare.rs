@@ -107,8 +107,11 @@ pub(crate) fn prepare(
             default_voxel(&part.points, diameter, resolution.coarser(coarsening))?
         }
     };
-    let downsample = if layered { voxel_layers } else { voxel_downsample };
-    let grid = downsample(&part.points, voxel_size)?;
+    let grid = if layered {
+        voxel_layers(&part.points, |i| part.viewpoint(i).unwrap_or_default(), voxel_size)?
+    } else {
+        voxel_downsample(&part.points, voxel_size)?
+    };
     stages.number("voxel_size", voxel_size);
     stages.number("voxel_points", grid.points.len() as f64);
     enough("downsample", grid.points.len())?;

@@ -27,7 +27,9 @@ const FARTHEST: f64 = 4.0;
 
 /// [`voxel_downsample`](super::voxel_downsample), with the voxels joined that hold one surface in several layers.
 ///
-/// Opposite faces of a wall as thin as a voxel are joined, too; [`separate_sides`](super::separate_sides) parts them.
+/// How far apart the layers of one surface lie follows from the noise, which is looked at apart for each side of a wall:
+/// `viewpoint_of` gives for each point the position it was seen from \[length\]. Opposite faces of a wall as thin as a
+/// voxel are joined, too; [`separate_sides`](super::separate_sides) parts them.
 ///
 /// ```
 /// use sympose::preprocess::{voxel_downsample, voxel_layers};
@@ -36,22 +38,29 @@ const FARTHEST: f64 = 4.0;
 ///     .map(|i| [0.25 * f64::from(i % 40), 0.25 * f64::from(i / 40), 0.3 * f64::from(i % 3)])
 ///     .collect();
 /// assert_eq!(voxel_downsample(&points, 1.0)?.points.len(), 242);
-/// assert_eq!(voxel_layers(&points, 1.0)?.points.len(), 121);
+/// assert_eq!(voxel_layers(&points, |_| [5.0, 5.0, 50.0], 1.0)?.points.len(), 121);
 /// # Ok::<(), sympose::Error>(())
 /// ```
 ///
 /// # Errors
 /// Those of [`voxel_downsample`](super::voxel_downsample).
-pub fn voxel_layers(points: &[[f64; 3]], voxel_size: f64) -> Result<VoxelGrid> {
+pub fn voxel_layers(
+    points: &[[f64; 3]],
+    viewpoint_of: impl Fn(usize) -> [f64; 3],
+    voxel_size: f64,
+) -> Result<VoxelGrid> {
     let grid = Grid::new(points, voxel_size, "voxel_size")?;
     let (centers, counts) = means(points, &grid.cell_of, grid.len);
-    let Columns { axis_of, reach } = Columns::new(&centers, &counts, voxel_size)?;
+    let blocks = Blocks::new(&centers, &counts, voxel_size)?;
+    let spread = blocks.spread(points, &grid.cell_of, viewpoint_of);
+    let reach = (REACH * spread / voxel_size).round().clamp(1.0, FARTHEST) as i64;
+    let axes: Vec<usize> = blocks.normals.iter().map(Vector3::iamax).collect();
     let fullness = |voxel: u32| (counts[voxel as usize], Reverse(voxel));
     let fullest_beside = |voxel: usize| {
         let at = grid.indices(&centers[voxel]);
         let beside = (1..=reach).flat_map(|step| [-step, step]).filter_map(|step| {
             let mut beside = at;
-            beside[axis_of[voxel]] += step;
+            beside[axes[blocks.grid.cell_of[voxel] as usize]] += step;
             grid.find(beside)
         });
         beside.chain([voxel as u32]).max_by_key(|&voxel| fullness(voxel)).unwrap_or(voxel as u32)
@@ -98,50 +107,90 @@ impl Moments {
         self.sum += other.sum;
         self.products += other.products;
     }
+
+    /// Normal of the plane through the points, and their standard deviation about it.
+    fn plane(&self) -> (Vector3<f64>, f64) {
+        let Self { count, sum, products } = self;
+        let (normal, [thinnest, ..]) =
+            smallest_eigenvector(&((products - sum * (sum / *count).transpose()) / *count));
+        (normal, thinnest.max(0.0).sqrt())
+    }
 }
 
-/// The columns in which voxels may be joined.
-struct Columns {
-    /// For each voxel the axis of the grid to which the surface around it is most nearly normal.
-    axis_of: Vec<usize>,
-    /// Voxels to either side that may be joined.
-    reach: i64,
+/// Coarse cells, in which the surface is found.
+struct Blocks {
+    /// The blocks; its points are the voxels.
+    grid: Grid,
+    /// Indices of each block.
+    places: Vec<[i64; 3]>,
+    /// Normal of the surface around each block, of any sign.
+    normals: Vec<Vector3<f64>>,
+    /// Far from the origin of the cloud products would lose the digits that matter.
+    origin: Vector3<f64>,
 }
 
-impl Columns {
+impl Blocks {
     fn new(centers: &[[f64; 3]], counts: &[u32], voxel_size: f64) -> Result<Self> {
-        let blocks = Grid::new(centers, BLOCK * voxel_size, "voxel_size")?;
-        let mut moments = vec![Moments::default(); blocks.len];
-        let mut places = vec![[0; 3]; blocks.len];
-        // Far from the origin of the cloud the products would lose the digits that matter.
+        let grid = Grid::new(centers, BLOCK * voxel_size, "voxel_size")?;
         let origin = centers.first().map_or_else(Vector3::zeros, |center| Vector3::from(*center));
-        for ((center, &count), &block) in centers.iter().zip(counts).zip(&blocks.cell_of) {
+        let mut moments = vec![Moments::default(); grid.len];
+        let mut places = vec![[0; 3]; grid.len];
+        for ((center, &count), &block) in centers.iter().zip(counts).zip(&grid.cell_of) {
             let (count, p) = (f64::from(count), Vector3::from(*center) - origin);
             let sum = p * count;
             moments[block as usize].add(&Moments { count, sum, products: sum * p.transpose() });
-            places[block as usize] = blocks.indices(center);
+            places[block as usize] = grid.indices(center);
         }
-        let surface = |&[x, y, z]: &[i64; 3]| {
+        let mut blocks = Self { grid, places, normals: Vec::new(), origin };
+        let normal = |block: usize| {
             let mut around = Moments::default();
-            let steps = (0..27).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]);
-            let found = steps.filter_map(|[dx, dy, dz]| blocks.find([x + dx, y + dy, z + dz]));
-            found.for_each(|block| around.add(&moments[block as usize]));
-            let Moments { count, sum, products } = around;
-            let (normal, [thinnest, ..]) =
-                smallest_eigenvector(&((products - sum * (sum / count).transpose()) / count));
-            (normal.iamax(), thinnest.max(0.0).sqrt())
+            blocks.around(block).for_each(|beside| around.add(&moments[beside]));
+            around.plane().0
         };
-        let surfaces: Vec<(usize, f64)> = places.par_iter().with_min_len(CHUNK / 16).map(surface).collect();
-        let mut spreads: Vec<f64> = surfaces.iter().map(|(_, spread)| *spread).collect();
+        blocks.normals = (0..moments.len()).into_par_iter().with_min_len(CHUNK / 16).map(normal).collect();
+        Ok(blocks)
+    }
+
+    /// A block and those that touch it.
+    fn around(&self, block: usize) -> impl Iterator<Item = usize> {
+        let [x, y, z] = self.places[block];
+        let steps = (0..27).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]);
+        steps.filter_map(move |[dx, dy, dz]| Some(self.grid.find([x + dx, y + dy, z + dz])? as usize))
+    }
+
+    /// Standard deviation of the points about the surface, of which a thin wall has two \[length\]: the median over
+    /// blocks of the points seen from one side.
+    fn spread(&self, points: &[[f64; 3]], voxel_of: &[u32], viewpoint_of: impl Fn(usize) -> [f64; 3]) -> f64 {
+        /// Points and blocks that are looked at.
+        const POINTS: usize = 100_000;
+        const BLOCKS: usize = 2_000;
+        /// Points that show a spread about a plane.
+        const ENOUGH: f64 = 10.0;
+        let mut sides = vec![[Moments::default(); 2]; self.places.len()];
+        for i in (0..points.len()).step_by(points.len().div_ceil(POINTS).max(1)) {
+            let block = self.grid.cell_of[voxel_of[i] as usize] as usize;
+            let point = Vector3::from(points[i]);
+            let behind = self.normals[block].dot(&(Vector3::from(viewpoint_of(i)) - point)) < 0.0;
+            let sum = point - self.origin;
+            let moments = Moments { count: 1.0, sum, products: sum * sum.transpose() };
+            sides[block][usize::from(behind)].add(&moments);
+        }
+        let step = self.places.len().div_ceil(BLOCKS).max(1);
+        let mut spreads = Vec::new();
+        for block in (0..self.places.len()).step_by(step) {
+            let [mut front, mut back] = [Moments::default(); 2];
+            for beside in self.around(block) {
+                let turned = self.normals[block].dot(&self.normals[beside]) < 0.0;
+                front.add(&sides[beside][usize::from(turned)]);
+                back.add(&sides[beside][usize::from(!turned)]);
+            }
+            spreads
+                .extend([front, back].iter().filter(|side| side.count >= ENOUGH).map(|side| side.plane().1));
+        }
+        if spreads.is_empty() {
+            return 0.0;
+        }
         let middle = spreads.len() / 2;
-        let spread = if spreads.is_empty() {
-            0.0
-        } else {
-            *spreads.select_nth_unstable_by(middle, f64::total_cmp).1 / voxel_size
-        };
-        Ok(Self {
-            axis_of: blocks.cell_of.iter().map(|&block| surfaces[block as usize].0).collect(),
-            reach: (REACH * spread).round().clamp(1.0, FARTHEST) as i64,
-        })
+        *spreads.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 }
