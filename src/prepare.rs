@@ -126,7 +126,14 @@ pub(crate) fn prepare(
         (config.normals.k, config.outliers.clone())
     };
     // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
-    let k = if oriented { enough_neighbors(&grid.points, &tree, least, &config.smoothing) } else { least };
+    let k = if oriented {
+        let mut seen = vec![0; grid.points.len()];
+        (0_u32..).zip(&grid.inverse).for_each(|(i, &voxel)| seen[voxel as usize] = i);
+        let viewpoint = |voxel: usize| part.viewpoint(seen[voxel] as usize).unwrap_or_default();
+        enough_neighbors(&grid.points, viewpoint, &tree, least, &config.smoothing)
+    } else {
+        least
+    };
     stages.number("plane_neighbors", k as f64);
     let neighbors = KNeighbors::new(&tree, &grid.points, k.max(outliers.k))?;
     stages.check()?;

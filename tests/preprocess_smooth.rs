@@ -36,11 +36,27 @@ fn noise_calls_for_more_neighbors() {
     let params = SmoothingParams::default();
     let enough = |noise: f64| {
         let points = sheet(&mut Random(1), 0.0, noise);
-        enough_neighbors(&points, &KdTree::new(&points).unwrap(), 20, &params)
+        enough_neighbors(&points, |_| [0.0, 0.0, 1e3], &KdTree::new(&points).unwrap(), 20, &params)
     };
     let found = [0.0, 0.2, 1.0, 5.0].map(enough);
     assert_eq!(found[..2], [20, 20]);
     assert!(20 < found[2] && found[2] < found[3] && found[3] <= params.max_neighbors, "{found:?}");
+}
+
+#[test]
+fn both_sides_of_a_wall_are_no_noise() {
+    let mut random = Random(4);
+    let mut points = sheet(&mut random, 0.0, 0.1);
+    let count = points.len();
+    points.extend(sheet(&mut random, -1.5, 0.1));
+    let enough = |points: &[[f64; 3]], viewpoint: fn(bool) -> [f64; 3]| {
+        let tree = KdTree::new(points).unwrap();
+        enough_neighbors(points, |i| viewpoint(i < count), &tree, 20, &SmoothingParams::default())
+    };
+    let from_above = |_| [25.0, 25.0, 1e3];
+    let from_either = |above| [25.0, 25.0, if above { 1e3 } else { -1e3 }];
+    assert_eq!(enough(&points, from_either), 20);
+    assert!(enough(&points, from_above) > 20, "layers of one side are noise");
 }
 
 #[test]

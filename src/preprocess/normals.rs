@@ -102,10 +102,20 @@ pub fn normals_from_neighbors(
     Ok(planes.into_iter().collect())
 }
 
-/// Squared tilt that noise gives to the plane through the points with these indices, about \[rad²\].
-pub(super) fn tilt_sq(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<Item = u32>) -> f64 {
-    let indices: Vec<u32> = indices.collect();
-    let variation = local_plane(points, center, indices.iter().copied()).surface_variation;
+/// Squared tilt that noise gives to the plane through the points with these indices, about \[rad²\]: the plane of those
+/// seen from the same side of it as `center`, since a thin wall has two.
+pub(super) fn tilt_sq(
+    points: &[[f64; 3]],
+    center: usize,
+    indices: &[u32],
+    viewpoint_of: impl Fn(usize) -> [f64; 3],
+) -> f64 {
+    let plane = |indices: &[u32]| local_plane(points, &points[center], indices.iter().copied());
+    let normal = Vector3::from(plane(indices).normal);
+    let is_before = |i: usize| normal.dot(&(Vector3::from(viewpoint_of(i)) - Vector3::from(points[i]))) > 0.0;
+    let side = is_before(center);
+    let one_side: Vec<u32> = indices.iter().copied().filter(|&i| is_before(i as usize) == side).collect();
+    let variation = plane(&one_side).surface_variation;
     // Variance of a slope: the scatter about the plane against that within it, of which there are two directions.
     let slope_sq = 2.0 * variation / (1.0 - variation);
     slope_sq / f64::max(indices.len() as f64 - 3.0, 1.0)

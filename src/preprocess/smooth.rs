@@ -34,21 +34,29 @@ impl Default for SmoothingParams {
 /// Neighbours whose planes say where the surface faces: `least`, or as many more as keep half of the planes from being
 /// tilted by noise more than the limit.
 ///
-/// `tree` must hold `points`.
+/// `tree` must hold `points`; `viewpoint_of` gives for each of them a position that it was seen from.
 #[must_use]
-pub fn enough_neighbors(points: &[[f64; 3]], tree: &KdTree, least: usize, params: &SmoothingParams) -> usize {
+pub fn enough_neighbors(
+    points: &[[f64; 3]],
+    viewpoint_of: impl Fn(usize) -> [f64; 3],
+    tree: &KdTree,
+    least: usize,
+    params: &SmoothingParams,
+) -> usize {
     /// Planes that are looked at.
     const LOOKED_AT: usize = 500;
     /// Steps in which more neighbours are tried.
     const STEP: usize = 10;
     let stride = points.len().div_ceil(LOOKED_AT).max(1);
-    let places: Vec<&[f64; 3]> = points.iter().step_by(stride).collect();
-    let around =
-        |k: usize| -> Vec<Vec<Neighbor>> { places.par_iter().map(|p| tree.k_nearest(p, k)).collect() };
-    let is_enough = |k: usize, around: &[Vec<Neighbor>]| {
+    let places: Vec<usize> = (0..points.len()).step_by(stride).collect();
+    let indices = |found: Vec<Neighbor>| found.iter().map(|n| n.index).collect();
+    let around = |k: usize| -> Vec<Vec<u32>> {
+        places.par_iter().map(|&i| indices(tree.k_nearest(&points[i], k))).collect()
+    };
+    let is_enough = |k: usize, around: &[Vec<u32>]| {
         let planes = places.iter().zip(around);
         let mut tilts_sq: Vec<f64> = planes
-            .map(|(center, found)| tilt_sq(points, center, found.iter().take(k).map(|n| n.index)))
+            .map(|(&center, found)| tilt_sq(points, center, &found[..k.min(found.len())], &viewpoint_of))
             .collect();
         let middle = tilts_sq.len() / 2;
         tilts_sq.is_empty()
