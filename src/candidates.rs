@@ -119,6 +119,7 @@ impl Estimator {
         let surface = &prepared.surface;
         let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
         let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
+        let distance = distance * prepared.sparseness;
         let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
         let mut params = self.config().detect.clone();
         if self.config().order != Order::Auto {

@@ -57,7 +57,8 @@ pub(crate) fn of_part(
     let looked_through = visibility.filter(|_| params.seen_through);
     let solid = |&i: &u32| {
         let point = Vector3::from(points[i as usize]);
-        looked_through.is_none_or(|v| v.seen(&point, params.radius * voxel_size, |_| false) != Seen::Free)
+        looked_through
+            .is_none_or(|v| v.seen(&point, None, params.radius * voxel_size, |_| false) != Seen::Free)
     };
     let kept: Vec<u32> = kept.into_par_iter().with_min_len(CHUNK).filter(solid).collect();
     if config.cluster == ClusterMode::Off || kept.is_empty() {

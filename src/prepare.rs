@@ -12,7 +12,7 @@ use crate::preprocess::{
     find_ground, main_cluster, mean_heights, normals_from_neighbors, separate_sides, voxel_downsample,
     voxel_layers,
 };
-use crate::resolution::{COARSE, FINE, LAYERED, default_voxel, width};
+use crate::resolution::{COARSE, FINE, LAYERED, default_voxel, sparseness, width};
 use crate::spatial::KdTree;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -35,6 +35,8 @@ pub(crate) struct Prepared {
     pub diameter: f64,
     /// Edge of a voxel \[length\].
     pub voxel_size: f64,
+    /// How far apart the points of the surface lie, at least 1 [their distance where every voxel has one].
+    pub sparseness: f64,
     /// Input rows behind the surface, ascending.
     pub inliers: Vec<u32>,
     /// For each of them its point of the surface.
@@ -136,6 +138,7 @@ pub(crate) fn prepare(
     };
     stages.number("plane_neighbors", k as f64);
     let neighbors = KNeighbors::new(&tree, &grid.points, k.max(outliers.k))?;
+    let sparseness = sparseness(&neighbors, voxel_size);
     stages.check()?;
     let planes =
         normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
@@ -219,6 +222,7 @@ pub(crate) fn prepare(
         measured,
         diameter,
         voxel_size,
+        sparseness,
         inliers,
         point_of_inlier,
         ground: ground.map(|g| g.plane),

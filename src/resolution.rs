@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::error::{Error, Result};
-use crate::preprocess::{median_spacing, voxel_downsample};
+use crate::preprocess::{KNeighbors, median_spacing, voxel_downsample};
 use crate::spatial::KdTree;
 
 /// Largest extent over thirteen directions, without the outermost half percent at either end \[length\].
@@ -74,6 +74,28 @@ pub(crate) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Reso
     let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();
     let size = size.max(SPARSEST * spacing);
     if size > 0.0 { Ok(size) } else { Err(Error::Degenerate { shape: "identical" }) }
+}
+
+/// How far from each other the points of a surface lie, at least 1 [their distance where every voxel of it has one].
+///
+/// Where several sparse views fall on one another at random, points lie close together here and far apart there, and the
+/// nearest neighbours alone do not show it.
+pub(crate) fn sparseness(neighbors: &KNeighbors, voxel_size: f64) -> f64 {
+    /// Neighbour up to which the points are counted.
+    const COUNTED: usize = 6;
+    /// Area of a point where every voxel of a surface has one, as its square root \[voxels\].
+    const FULL: f64 = 1.15;
+    const LOOKED_AT: usize = 10_000;
+    let step = neighbors.len().div_ceil(LOOKED_AT).max(1);
+    let reach_sq = |i| neighbors.of(i).1.get(COUNTED).copied();
+    let mut reaches_sq: Vec<f64> = (0..neighbors.len()).step_by(step).filter_map(reach_sq).collect();
+    if reaches_sq.is_empty() {
+        return 1.0;
+    }
+    let middle = reaches_sq.len() / 2;
+    let typical_sq = *reaches_sq.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let area = std::f64::consts::PI * typical_sq / COUNTED as f64;
+    (area.sqrt() / (FULL * voxel_size)).max(1.0)
 }
 
 /// Whether most points surely have another one, not at the same place, within `distance`: such as share a cell of that

@@ -122,7 +122,7 @@ pub fn outcome(
         }
         margin = gate.off_plane;
     }
-    match sight.seen(&point, margin) {
+    match sight.seen(&point, &normal, margin) {
         Seen::Free => Outcome::Contradicted,
         Seen::Missing => Outcome::Missing,
         Seen::Hidden => Outcome::Hidden,

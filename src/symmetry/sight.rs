@@ -46,9 +46,9 @@ impl<'a> Sight<'a> {
     /// its return have been lost with the rest; without viewpoints any place counts as free.
     #[must_use]
     #[inline]
-    pub fn seen(&self, point: &Vector3<f64>, margin: f64) -> Seen {
+    pub fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
         let is_barred = |camera: &Vector3<f64>| self.unseen.is_some_and(|sector| sector.meets(camera, point));
-        self.visibility.map_or(Seen::Free, |v| v.seen(point, margin, is_barred))
+        self.visibility.map_or(Seen::Free, |v| v.seen(point, Some(normal), margin, is_barred))
     }
 }
 

@@ -24,6 +24,10 @@ const NO_LOSS: f64 = 0.01;
 /// The same in coarser maps: as many are missing about the edges of what any sensor sees.
 const EDGES: f64 = 0.04;
 
+/// Cosine between the normal of a surface and the direction to a camera below which it is seen at a grazing angle: it
+/// leaves few returns there, far from each other, and these pass for strays.
+const GRAZING: f64 = 0.26;
+
 /// Directions more than this far from the middle of a view \[rad\] are left out of its map.
 const MAX_OFF_AXIS: f64 = 1.2;
 
@@ -93,15 +97,31 @@ impl Visibility {
         self.views.len()
     }
 
-    /// What the cameras say about a surface at `point`; a measurement within `margin` \[length\]
-    /// in front of it counts as hiding it. Where returns of a camera may be lost, as `is_barred` says given its place, a
-    /// missing one says nothing, and one beside a missing one proves nothing free.
+    /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
+    /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
+    /// grazing angle. Where returns of a camera may be lost, as `is_barred` says given its place, a missing one says
+    /// nothing either, and one beside a missing one proves nothing free.
     #[must_use]
-    pub fn seen(&self, point: &Vector3<f64>, margin: f64, is_barred: impl Fn(&Vector3<f64>) -> bool) -> Seen {
+    pub fn seen(
+        &self,
+        point: &Vector3<f64>,
+        normal: Option<&Vector3<f64>>,
+        margin: f64,
+        is_barred: impl Fn(&Vector3<f64>) -> bool,
+    ) -> Seen {
+        let is_grazed_from = |center: &Vector3<f64>| {
+            let toward = center - point;
+            normal
+                .is_some_and(|normal| normal.dot(&toward).powi(2) < GRAZING * GRAZING * toward.norm_squared())
+        };
         let mut strongest = Seen::Hidden;
         for view in &self.views {
             let (seen, beside_missing) = view.seen(point, margin);
-            if seen > strongest && !(beside_missing && is_barred(&view.center)) {
+            let says_nothing = || {
+                beside_missing && is_barred(&view.center)
+                    || seen == Seen::Missing && is_grazed_from(&view.center)
+            };
+            if seen > strongest && !says_nothing() {
                 strongest = seen;
             }
             if strongest == Seen::Free {

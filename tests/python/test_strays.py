@@ -125,3 +125,10 @@ def test_a_coarse_camera_leaves_gaps_but_the_order_is_found() -> None:
     found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
     assert found.order == 9
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.05))
+
+
+def test_what_a_coarse_camera_sees_at_a_grazing_angle_is_no_gap() -> None:
+    scanned = scan(part("can"), "sphere", views=5, seed=1, low_resolution=True)
+    found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
+    assert found.order == "continuous"
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.05))
