@@ -162,8 +162,8 @@ impl Blocks {
     /// blocks of the points seen from one side.
     fn spread(&self, points: &[[f64; 3]], voxel_of: &[u32], viewpoint_of: impl Fn(usize) -> [f64; 3]) -> f64 {
         /// Points and blocks that are looked at.
-        const POINTS: usize = 100_000;
-        const BLOCKS: usize = 2_000;
+        const POINTS: usize = 50_000;
+        const BLOCKS: usize = 1_000;
         /// Points that show a spread about a plane.
         const ENOUGH: f64 = 10.0;
         let mut sides = vec![[Moments::default(); 2]; self.places.len()];
