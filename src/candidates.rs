@@ -119,8 +119,9 @@ impl Estimator {
         let surface = &prepared.surface;
         let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
         let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
-        let distance = distance * prepared.sparseness;
-        let gate = Gate { distance, off_plane, ..self.final_gate(surface) };
+        let widest = self.final_gate(surface);
+        let distance = (prepared.sparseness * distance).min(widest.distance);
+        let gate = Gate { distance, off_plane, ..widest };
         let mut params = self.config().detect.clone();
         if self.config().order != Order::Auto {
             params.samples = params.samples.min(REMARKED);

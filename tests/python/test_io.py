@@ -438,6 +438,17 @@ def test_npy_of_the_wrong_shape_or_type(tmp_path):
             read(tmp_path / "cloud.npy")
 
 
+def test_npz_whose_directory_lies_before_the_file(tmp_path):
+    path = tmp_path / "cloud.npz"
+    write(path, POINTS)
+    content = bytearray(path.read_bytes())
+    # The offset of the central directory, in the last record of the archive.
+    content[-3] = 1
+    path.write_bytes(content)
+    with pytest.raises(InvalidInputError, match=r"cloud\.npz"):
+        read(path)
+
+
 @settings(deadline=None, max_examples=150)
 @given(
     suffix=st.sampled_from(["ply", "pcd", "npy", "npz", "xyz"]),

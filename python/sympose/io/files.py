@@ -83,10 +83,13 @@ def read(path: str | os.PathLike[str]) -> Scene:
     kind = _kind(file)
     try:
         scene = _READERS[kind](file)
-    except (SymposeError, OSError, ImportError):
+    except (SymposeError, ImportError):
         raise
-    # A damaged file can raise anything inside the libraries that parse it.
+    # A damaged file can raise anything inside the libraries that parse it, from the system EINVAL when they are
+    # sent to a place before its beginning.
     except Exception as error:
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:
+            raise
         raise InvalidInputError(f"{file}: damaged or not a {kind} file: {error}") from error
     if len(scene) == 0:
         raise InvalidInputError(f"{file}: the {kind} file holds no points")
