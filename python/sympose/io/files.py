@@ -85,8 +85,8 @@ def read(path: str | os.PathLike[str]) -> Scene:
         scene = _READERS[kind](file)
     except (SymposeError, ImportError):
         raise
-    # A damaged file can raise anything inside the libraries that parse it, from the system EINVAL when they are
-    # sent to a place before its beginning.
+    # A damaged file can raise anything inside the libraries that parse it, and EINVAL from the system when
+    # they are sent to a place before its beginning.
     except Exception as error:
         if isinstance(error, OSError) and error.errno != errno.EINVAL:
             raise
