@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::config::{ClusterMode, Config, OutlierParams};
 use crate::error::Result;
+use crate::median::median;
 use crate::preprocess::{CHUNK, ClusterParams, KNeighbors, Normals, main_cluster, statistical_inliers};
 use crate::symmetry::visibility::{Seen, Visibility};
 
@@ -105,11 +106,9 @@ impl Strays {
         let count = surface_variation.len();
         let reach_sq = |i: usize| reach_sq(neighbors, params, i);
         let mut flat: Vec<f64> = (0..count).filter(|&i| surface_variation[i] <= FLAT).map(reach_sq).collect();
-        let Some(limit) = params.scattered.filter(|_| !flat.is_empty()) else {
+        let Some((limit, typical_sq)) = params.scattered.zip(median(&mut flat)) else {
             return Self { scattered: vec![false; count], leniency: 1.0 };
         };
-        let middle = flat.len() / 2;
-        let typical_sq = *flat.select_nth_unstable_by(middle, f64::total_cmp).1;
         let beyond = |limit: f64| -> Vec<bool> {
             let widest_sq = limit * limit * typical_sq;
             (0..count).map(|i| surface_variation[i] > FLAT && reach_sq(i) > widest_sq).collect()

@@ -65,6 +65,7 @@ pub mod estimate;
 mod frames;
 #[cfg(feature = "io")]
 pub mod io;
+mod median;
 pub mod metrics;
 mod prepare;
 pub mod preprocess;

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::error::{Error, Result};
+use crate::median::median;
 use crate::preprocess::{KNeighbors, median_spacing, voxel_downsample};
 use crate::spatial::KdTree;
 
@@ -89,11 +90,7 @@ pub(crate) fn sparseness(neighbors: &KNeighbors, voxel_size: f64) -> f64 {
     let step = neighbors.len().div_ceil(LOOKED_AT).max(1);
     let reach_sq = |i| neighbors.of(i).1.get(COUNTED).copied();
     let mut reaches_sq: Vec<f64> = (0..neighbors.len()).step_by(step).filter_map(reach_sq).collect();
-    if reaches_sq.is_empty() {
-        return 1.0;
-    }
-    let middle = reaches_sq.len() / 2;
-    let typical_sq = *reaches_sq.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let Some(typical_sq) = median(&mut reaches_sq) else { return 1.0 };
     let area = std::f64::consts::PI * typical_sq / COUNTED as f64;
     (area.sqrt() / (FULL * voxel_size)).max(1.0)
 }
@@ -108,4 +105,35 @@ fn mostly_within(points: &[[f64; 3]], distance: f64) -> bool {
         |p: &[f64; 3], mean: &[f64; 3]| p.iter().zip(mean).any(|(x, mean)| (x - mean).abs() > 1e-9 * edge);
     let rows = points.iter().zip(&cells.inverse);
     2 * rows.filter(|(p, cell)| off_mean(p, &cells.points[**cell as usize])).count() > points.len()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
+mod tests {
+    use super::*;
+
+    /// A number in [0, 1) that looks random (the finaliser of SplitMix64, Steele et al. 2014).
+    fn random(i: u32) -> f64 {
+        let mixed = u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (mixed >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// That of `count` points at random on a square of 50 x 50 voxels.
+    fn sparseness_of(count: u32) -> f64 {
+        let points: Vec<[f64; 3]> =
+            (0..count).map(|i| [50.0 * random(2 * i), 50.0 * random(2 * i + 1), 0.0]).collect();
+        let voxels = voxel_downsample(&points, 1.0).unwrap().points;
+        let tree = KdTree::new(&voxels).unwrap();
+        sparseness(&KNeighbors::new(&tree, &voxels, 12).unwrap(), 1.0)
+    }
+
+    #[test]
+    fn voxels_that_stay_empty_make_a_surface_sparse() {
+        assert!(sparseness_of(20_000) < 1.01, "a full layer is {}", sparseness_of(20_000));
+        // A third of the voxels have a point: 1.7 times as far from each other.
+        let third = sparseness_of(1_000);
+        assert!((1.4..1.8).contains(&third), "{third}");
+    }
 }

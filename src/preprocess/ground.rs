@@ -10,6 +10,7 @@ use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
 use super::{CHUNK, check_finite};
 use crate::config::GroundMode;
 use crate::error::Result;
+use crate::median::median;
 
 /// Settings of [`find_ground`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -292,13 +293,9 @@ fn dominant_plane(points: &[[f64; 3]], params: &GroundParams, round: usize) -> O
     for _ in 0..5 {
         let mut residuals: Vec<f64> =
             points.iter().map(|p| plane.distance(p).abs()).filter(|&r| r <= 2.0 * band).collect();
-        if residuals.is_empty() {
-            return None;
-        }
-        let middle = residuals.len() / 2;
-        let median = *residuals.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let deviation = median(&mut residuals)?;
         // 1.4826 times the median absolute deviation is the standard deviation of a Gaussian.
-        band = (params.band * 1.4826 * median).clamp(1e-9 * rough, 2.0 * rough);
+        band = (params.band * 1.4826 * deviation).clamp(1e-9 * rough, 2.0 * rough);
         plane = plane.refitted(points, band)?;
     }
     Some((plane, band))

@@ -15,6 +15,7 @@ use super::grid::Grid;
 use super::voxel::means;
 use super::{CHUNK, VoxelGrid};
 use crate::error::Result;
+use crate::median::median;
 
 /// Edge of the blocks in whose moments the surface is found [voxels]; each is looked at with its 26 neighbours.
 const BLOCK: f64 = 2.0;
@@ -187,10 +188,6 @@ impl Blocks {
             spreads
                 .extend([front, back].iter().filter(|side| side.count >= ENOUGH).map(|side| side.plane().1));
         }
-        if spreads.is_empty() {
-            return 0.0;
-        }
-        let middle = spreads.len() / 2;
-        *spreads.select_nth_unstable_by(middle, f64::total_cmp).1
+        median(&mut spreads).unwrap_or(0.0)
     }
 }

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::cells::CellList;
 use super::{CHUNK, check_finite};
 use crate::error::{Error, Result};
+use crate::median::median;
 use crate::spatial::{KdTree, Neighbor};
 
 /// Points that [`median_spacing`] looks at.
@@ -257,9 +258,5 @@ pub fn median_spacing(tree: &KdTree, points: &[[f64; 3]]) -> f64 {
         .filter_map(|point| tree.nearest_distinct(point))
         .map(|found| found.distance_sq.sqrt())
         .collect();
-    if spacings.is_empty() {
-        return 0.0;
-    }
-    let middle = spacings.len() / 2;
-    *spacings.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(&mut spacings).unwrap_or(0.0)
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::normals::tilt_sq;
 use super::{CHUNK, KNeighbors, Sides};
+use crate::median::median;
 use crate::spatial::{KdTree, Neighbor};
 
 /// How noise is told from shape, where viewpoints are known.
@@ -58,9 +59,7 @@ pub fn enough_neighbors(
         let mut tilts_sq: Vec<f64> = planes
             .map(|(&center, found)| tilt_sq(points, center, &found[..k.min(found.len())], &viewpoint_of))
             .collect();
-        let middle = tilts_sq.len() / 2;
-        tilts_sq.is_empty()
-            || *tilts_sq.select_nth_unstable_by(middle, f64::total_cmp).1 <= params.max_tilt.powi(2)
+        median(&mut tilts_sq).is_none_or(|tilt_sq| tilt_sq <= params.max_tilt.powi(2))
     };
     if params.max_neighbors <= least || is_enough(least, &around(least)) {
         return least;

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::median::median;
+
 /// Huber's loss: quadratic up to `width`, linear beyond (the paper's gamma norm).
 ///
 /// Conventions: `cost` is rho(r) with rho(r) = r^2 / 2 near zero; `weight` is rho'(r) / r, in (0, 1].
@@ -40,17 +42,6 @@ pub fn robust_sigma(residuals: &mut [f64]) -> f64 {
         *r = r.abs();
     }
     median(residuals).map_or(0.0, |m| SIGMA_OF_MAD * m)
-}
-
-/// Upper median; reorders `values`. `None` for an empty slice.
-#[must_use]
-pub fn median(values: &mut [f64]) -> Option<f64> {
-    if values.is_empty() {
-        return None;
-    }
-    let middle = values.len() / 2;
-    let (_, m, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    Some(*m)
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ const NO_LOSS: f64 = 0.01;
 const EDGES: f64 = 0.04;
 
 /// Cosine between the normal of a surface and the direction to a camera below which it is seen at a grazing angle: it
-/// leaves few returns there, far from each other, and these pass for strays.
+/// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
 
 /// Directions more than this far from the middle of a view \[rad\] are left out of its map.
