@@ -87,7 +87,7 @@ fn neighbors(criterion: &mut Criterion) {
             bencher.iter(|| tree.nearest_batch(black_box(&queries)));
         });
         group.bench_function(BenchmarkId::new("k_nearest", cloud), |bencher| {
-            bencher.iter(|| tree.k_nearest_batch(black_box(&queries), K));
+            bencher.iter(|| KNeighbors::of_queries(&tree, points, black_box(&queries), K).unwrap());
         });
         group.bench_function(BenchmarkId::new("all_points", cloud), |bencher| {
             bencher.iter(|| KNeighbors::new(&tree, black_box(points), K).unwrap());

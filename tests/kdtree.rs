@@ -74,6 +74,41 @@ proptest! {
             prop_assert!((1..indices.len()).all(|j| (distances_sq[j - 1], indices[j - 1]) < (distances_sq[j], indices[j])));
         }
     }
+
+    #[test]
+    fn neighbours_of_queries_agree_with_brute_force(
+        points in clouds(), near in clouds(), far in prop::array::uniform3(-1e12..1e12_f64), k in 1_usize..40,
+    ) {
+        // Of few queries the tree takes care, of more the cells.
+        for queries in [&near[..1], &[&near[..], &[far, [-0.7; 3]]].concat()] {
+            let found = KNeighbors::of_queries(&KdTree::new(&points).unwrap(), &points, queries, k).unwrap();
+            prop_assert_eq!((found.len(), found.k()), (queries.len(), k.min(points.len())));
+            for (i, query) in queries.iter().enumerate() {
+                let (indices, distances_sq) = found.of(i);
+                let expected: Vec<f64> = ranked(&points, query)[..found.k()].iter().map(|n| n.distance_sq).collect();
+                prop_assert_eq!(distances_sq, &expected[..]);
+                prop_assert!(indices.iter().zip(distances_sq).all(|(&j, &d)| distance_sq(&points[j as usize], query) == d));
+                let order = |j: usize| (distances_sq[j], indices[j]);
+                prop_assert!((1..indices.len()).all(|j| order(j - 1) < order(j)));
+            }
+        }
+    }
+}
+
+#[test]
+fn neighbours_of_no_query_or_a_bad_one() {
+    let points = Random(5).cube(100, 1.0);
+    let tree = KdTree::new(&points).unwrap();
+    let none = KNeighbors::of_queries(&tree, &points, &[], 3).unwrap();
+    assert!(none.is_empty());
+    assert!(matches!(
+        KNeighbors::of_queries(&tree, &points, &[[f64::NAN; 3]], 3),
+        Err(Error::NonFinite { count: 1, total: 1 })
+    ));
+    assert!(matches!(
+        KNeighbors::of_queries(&tree, &points[1..], &points, 3),
+        Err(Error::LengthMismatch { .. })
+    ));
 }
 
 #[test]

@@ -2,6 +2,9 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
+use super::CHUNK;
 use super::grid::{Grid, members};
 use crate::error::Result;
 
@@ -10,46 +13,43 @@ use crate::error::Result;
 const MARGIN: f64 = 1.0 + 1e-6;
 
 /// Points ordered by cell; a point in this order is called a slot.
-pub(crate) struct CellList<'a> {
-    points: &'a [[f64; 3]],
+pub(crate) struct CellList {
+    /// For each slot its point, so that those of a cell lie side by side in memory.
+    pub(crate) points: Vec<[f64; 3]>,
     grid: Grid,
     offsets: Vec<u32>,
     /// For each slot its point; within a cell ascending.
     pub(crate) members: Vec<u32>,
-    /// The 27 steps to a neighbouring cell, the cell itself first.
-    steps: Vec<[i64; 3]>,
 }
 
-impl<'a> CellList<'a> {
+impl CellList {
     /// Sorts points into cells such that all points within `radius` of a point lie in the 27 cells around it; `name` is
     /// the parameter that the radius came from.
-    pub(crate) fn new(points: &'a [[f64; 3]], radius: f64, name: &'static str) -> Result<Self> {
+    pub(crate) fn new(points: &[[f64; 3]], radius: f64, name: &'static str) -> Result<Self> {
         let grid = Grid::new(points, radius * MARGIN, name)?;
         let (offsets, members) = members(&grid.cell_of, grid.len);
-        let mut steps: Vec<[i64; 3]> = (0..27).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]).collect();
-        steps.sort_by_key(|step| step.iter().map(|x| x.abs()).sum::<i64>());
-        Ok(Self { points, grid, offsets, members, steps })
+        let points = members.par_iter().with_min_len(CHUNK).map(|&point| points[point as usize]).collect();
+        Ok(Self { points, grid, offsets, members })
     }
 
-    /// Cell of a slot.
-    pub(crate) fn cell(&self, slot: usize) -> u32 {
-        self.grid.cell_of[self.members[slot] as usize]
+    /// Indices of the cell of a position, be it occupied or not.
+    pub(crate) fn cell(&self, position: &[f64; 3]) -> [i64; 3] {
+        self.grid.indices(position)
     }
 
-    /// Point of a slot.
-    pub(crate) fn point(&self, slot: usize) -> &'a [f64; 3] {
-        &self.points[self.members[slot] as usize]
+    /// The positions with these indices in Morton order of their cells, those of one cell in order of index.
+    pub(crate) fn order(&self, positions: &[[f64; 3]]) -> Vec<u32> {
+        let key = |position| self.grid.key(self.cell(position));
+        let mut keys: Vec<(u64, u32)> =
+            (0..).zip(positions).map(|(i, position)| (key(position), i)).collect();
+        keys.par_sort_unstable();
+        keys.into_iter().map(|(_, i)| i).collect()
     }
 
-    /// Puts the slots of the occupied cells around that of `slot` into `ranges`, its own cell first.
-    pub(crate) fn around(&self, slot: usize, ranges: &mut Vec<Range<usize>>) {
-        let [x, y, z] = self.grid.indices(self.point(slot));
-        ranges.clear();
-        ranges.extend(
-            self.steps
-                .iter()
-                .filter_map(|d| self.grid.find([x + d[0], y + d[1], z + d[2]]))
-                .map(|cell| self.offsets[cell as usize] as usize..self.offsets[cell as usize + 1] as usize),
-        );
+    /// The slots of the occupied cells around that of a position, its own first.
+    pub(crate) fn around(&self, position: &[f64; 3]) -> impl Iterator<Item = Range<usize>> {
+        let slots =
+            |cell: u32| self.offsets[cell as usize] as usize..self.offsets[cell as usize + 1] as usize;
+        self.grid.around(self.cell(position)).map(slots)
     }
 }

@@ -13,14 +13,14 @@ pub(crate) fn smallest_eigenvector(matrix: &Matrix3<f64>) -> (Vector3<f64>, [f64
     if scale < f64::MIN_POSITIVE {
         return (Vector3::z(), [0.0; 3]);
     }
-    let a = matrix / scale;
+    let a = matrix * scale.recip();
     let mean = a.trace() / 3.0;
     let b = a - Matrix3::from_diagonal_element(mean);
     let spread = (b.norm_squared() / 6.0).sqrt();
     if spread < 1e-15 {
         return (Vector3::z(), [scale * mean; 3]);
     }
-    let half_det = ((b / spread).determinant() * 0.5).clamp(-1.0, 1.0);
+    let half_det = (0.5 * b.determinant() / spread.powi(3)).clamp(-1.0, 1.0);
     let angle = half_det.acos() / 3.0;
     let largest = mean + 2.0 * spread * angle.cos();
     let smallest = mean + 2.0 * spread * (angle + std::f64::consts::TAU / 3.0).cos();
@@ -29,7 +29,8 @@ pub(crate) fn smallest_eigenvector(matrix: &Matrix3<f64>) -> (Vector3<f64>, [f64
         &(a - Matrix3::from_diagonal_element(if half_det >= 0.0 { largest } else { smallest })),
     );
     let (u, v) = complement(&alone);
-    let (uu, uv, vv) = (u.dot(&(a * u)), u.dot(&(a * v)), v.dot(&(a * v)));
+    let (au, av) = (a * u, a * v);
+    let (uu, uv, vv) = (u.dot(&au), u.dot(&av), v.dot(&av));
     let (low, high, lower) = smaller_of_two(uu, uv, vv);
     let own = alone.dot(&(a * alone));
     let (vector, values) = if half_det >= 0.0 {

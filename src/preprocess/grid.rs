@@ -63,18 +63,45 @@ impl Grid {
         Ok(grid)
     }
 
-    /// Indices of the cell of a point inside the bounding box.
+    /// Indices of the cell of a position; outside the grid's box, of a cell outside it or at its edge.
     pub(crate) fn indices(&self, point: &[f64; 3]) -> [i64; 3] {
         // The origin lies below every point, so truncation is the floor.
         std::array::from_fn(|axis| ((point[axis] - self.origin[axis]) / self.size) as i64)
     }
 
+    /// Morton key of a cell, of the nearest one in the box for one that is outside.
+    pub(crate) fn key(&self, indices: [i64; 3]) -> u64 {
+        self.interleave.key(std::array::from_fn(|axis| indices[axis].clamp(0, self.cells_per_axis[axis] - 1)))
+    }
+
     /// Number of the cell with these indices, if it is occupied.
     pub(crate) fn find(&self, indices: [i64; 3]) -> Option<u32> {
-        if (0..3).any(|axis| indices[axis] < 0 || indices[axis] >= self.cells_per_axis[axis]) {
+        if (0..3).any(|axis| !self.holds(axis, indices[axis])) {
             return None;
         }
-        let key = self.interleave.key(indices);
+        self.find_key(self.interleave.key(indices))
+    }
+
+    /// Numbers of the occupied ones of the 27 cells around one, itself first, then by how many of its axes they lie
+    /// beside it.
+    pub(crate) fn around(&self, cell: [i64; 3]) -> impl Iterator<Item = u32> {
+        // What an index adds to a key is needed nine times.
+        let parts: [[Option<u64>; 3]; 3] = std::array::from_fn(|axis| {
+            [-1, 0, 1].map(|step| {
+                let index = cell[axis].saturating_add(step);
+                self.holds(axis, index).then(|| self.interleave.part(axis, index))
+            })
+        });
+        let key = move |[x, y, z]: &[usize; 3]| Some(parts[0][*x]? | parts[1][*y]? | parts[2][*z]?);
+        AROUND.iter().filter_map(move |steps| self.find_key(key(steps)?))
+    }
+
+    /// Whether the grid has cells with this index along an axis.
+    fn holds(&self, axis: usize, index: i64) -> bool {
+        (0..self.cells_per_axis[axis]).contains(&index)
+    }
+
+    fn find_key(&self, key: u64) -> Option<u32> {
         self.levels.iter().try_fold(0, |rank, level| level.find(level.code(rank, key)))
     }
 
@@ -123,6 +150,26 @@ pub(crate) fn members(cell_of: &[u32], cells: usize) -> (Vec<u32>, Vec<u32>) {
     (starts, points)
 }
 
+/// The 27 steps to a neighbouring cell, each plus one.
+const AROUND: [[usize; 3]; 27] = {
+    let mut steps = [[0; 3]; 27];
+    let mut count = 0;
+    let mut beside = 0;
+    while beside <= 3 {
+        let mut i = 0;
+        while i < 27 {
+            let step = [i / 9, i / 3 % 3, i % 3];
+            if (step[0] != 1) as usize + (step[1] != 1) as usize + (step[2] != 1) as usize == beside {
+                steps[count] = step;
+                count += 1;
+            }
+            i += 1;
+        }
+        beside += 1;
+    }
+    steps
+};
+
 /// Number of bits needed to write `value`.
 fn bit_length(value: u64) -> u32 {
     u64::BITS - value.leading_zeros()
@@ -160,13 +207,13 @@ impl Interleave {
     }
 
     fn key(&self, indices: [i64; 3]) -> u64 {
-        let mut key = 0;
-        for (byte, table) in self.tables.iter().enumerate() {
-            for axis in 0..3 {
-                key |= table[axis][(indices[axis] >> (8 * byte)) as usize & 0xff];
-            }
-        }
-        key
+        self.part(0, indices[0]) | self.part(1, indices[1]) | self.part(2, indices[2])
+    }
+
+    /// What the index along one axis adds to a key.
+    fn part(&self, axis: usize, index: i64) -> u64 {
+        let bytes = self.tables.iter().enumerate();
+        bytes.fold(0, |part, (byte, table)| part | table[axis][(index >> (8 * byte)) as usize & 0xff])
     }
 }
 

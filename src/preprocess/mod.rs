@@ -11,6 +11,7 @@
 //! # Ok::<(), sympose::Error>(())
 //! ```
 
+mod block;
 mod cells;
 mod cluster;
 mod eigen;
@@ -22,6 +23,7 @@ mod normals;
 pub(crate) mod outline;
 mod plane;
 mod radius;
+mod search;
 mod sides;
 mod smooth;
 mod statistical;

@@ -69,7 +69,7 @@ impl FromIterator<Plane> for Normals {
 pub fn estimate_normals(points: &[[f64; 3]], tree: &KdTree, params: &NormalParams) -> Result<Normals> {
     let reach_sq = check(params)?;
     let planes = map_neighbors(tree, points, params.k, |point, found| {
-        let within = found.iter().take_while(|n| n.distance_sq <= reach_sq);
+        let within = found.iter().filter(|n| n.distance_sq <= reach_sq);
         local_plane(points, &points[point], within.map(|n| n.index))
     })?;
     Ok(planes.into_iter().collect())

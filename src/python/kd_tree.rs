@@ -4,6 +4,7 @@ use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 
 use super::{arrays, errors, pool};
+use crate::preprocess::KNeighbors;
 use crate::spatial::KdTree;
 
 /// Nearest neighbours among (N, 3) points, by Euclidean distance.
@@ -22,14 +23,18 @@ use crate::spatial::KdTree;
 ///     >>> distance.tolist(), index.tolist()
 ///     ([0.25], [1])
 #[pyclass(frozen, module = "sympose", name = "KdTree")]
-pub(super) struct PyKdTree(KdTree);
+pub(super) struct PyKdTree {
+    tree: KdTree,
+    points: Vec<[f64; 3]>,
+}
 
 #[pymethods]
 impl PyKdTree {
     #[new]
     fn new(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
         let points = arrays::points(points, "points")?;
-        pool::run(py, || KdTree::new(&points)).map(Self)
+        let tree = pool::run(py, || KdTree::new(&points))?;
+        Ok(Self { tree, points })
     }
 
     /// Find the nearest points of the tree.
@@ -65,7 +70,7 @@ impl PyKdTree {
         let Some(k) = count else {
             return Err(errors::invalid_input(py, format!("k = {k}: expected at least 1 neighbour")));
         };
-        let len = self.0.len();
+        let len = self.tree.len();
         let cells = queries.len().saturating_mul(k);
         let (mut distances, mut indices) = (Vec::new(), Vec::new());
         if distances.try_reserve_exact(cells).and_then(|()| indices.try_reserve_exact(cells)).is_err() {
@@ -77,11 +82,21 @@ impl PyKdTree {
         let (distances, indices) = pool::run(py, move || {
             distances.resize(cells, f64::INFINITY);
             indices.resize(cells, len as i64);
-            let found = self.0.k_nearest_batch(&queries, k);
-            for (row, neighbors) in found.into_iter().enumerate() {
-                for (column, neighbor) in neighbors.into_iter().enumerate() {
-                    distances[row * k + column] = neighbor.distance_sq.sqrt();
-                    indices[row * k + column] = i64::from(neighbor.index);
+            let mut set = |cell: usize, index: u32, distance_sq: f64| {
+                distances[cell] = distance_sq.sqrt();
+                indices[cell] = i64::from(index);
+            };
+            if k == 1 {
+                for (row, found) in self.tree.nearest_batch(&queries).iter().enumerate() {
+                    set(row, found.index, found.distance_sq);
+                }
+            } else {
+                let found = KNeighbors::of_queries(&self.tree, &self.points, &queries, k)?;
+                for row in 0..queries.len() {
+                    let (indices, distances_sq) = found.of(row);
+                    for (column, (&index, &distance_sq)) in indices.iter().zip(distances_sq).enumerate() {
+                        set(row * k + column, index, distance_sq);
+                    }
                 }
             }
             Ok((distances, indices))
@@ -121,7 +136,7 @@ impl PyKdTree {
                 format!("radius = {radius}: expected a positive, finite number"),
             ));
         }
-        let found = pool::run(py, || Ok(self.0.within_batch(&queries, radius)))?;
+        let found = pool::run(py, || Ok(self.tree.within_batch(&queries, radius)))?;
         let indices = |neighbors: Vec<crate::spatial::Neighbor>| {
             arrays::vector(py, neighbors.into_iter().map(|n| i64::from(n.index)).collect()).into_any()
         };
@@ -129,10 +144,10 @@ impl PyKdTree {
     }
 
     fn __len__(&self) -> usize {
-        self.0.len()
+        self.tree.len()
     }
 
     fn __repr__(&self) -> String {
-        format!("KdTree({} points)", self.0.len())
+        format!("KdTree({} points)", self.tree.len())
     }
 }
