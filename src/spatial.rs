@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 
 type Metric = SquaredEuclidean<f64>;
-/// Points of a leaf. With 32 and the leaves of kiddo's own alias for immutable trees, a query takes 1.7 times as long.
+/// Points of a leaf. In the arenas of 32 of kiddo's own alias for immutable trees, the nearest point takes 1.25 times as
+/// long to find, on a lattice twice as long.
 const LEAF: usize = 24;
 /// Points from which on both sides of a split are built side by side.
 const PARALLEL: usize = 1 << 14;

@@ -2,6 +2,7 @@
 
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
+use rayon::prelude::*;
 
 use super::{arrays, errors, pool};
 use crate::preprocess::KNeighbors;
@@ -82,23 +83,29 @@ impl PyKdTree {
         let (distances, indices) = pool::run(py, move || {
             distances.resize(cells, f64::INFINITY);
             indices.resize(cells, len as i64);
-            let mut set = |cell: usize, index: u32, distance_sq: f64| {
-                distances[cell] = distance_sq.sqrt();
-                indices[cell] = i64::from(index);
+            let found = match k {
+                1 => None,
+                _ => Some(KNeighbors::of_queries(&self.tree, &self.points, &queries, k)?),
             };
-            if k == 1 {
-                for (row, found) in self.tree.nearest_batch(&queries).iter().enumerate() {
-                    set(row, found.index, found.distance_sq);
-                }
-            } else {
-                let found = KNeighbors::of_queries(&self.tree, &self.points, &queries, k)?;
-                for row in 0..queries.len() {
-                    let (indices, distances_sq) = found.of(row);
-                    for (column, (&index, &distance_sq)) in indices.iter().zip(distances_sq).enumerate() {
-                        set(row * k + column, index, distance_sq);
+            let rows = distances.par_chunks_mut(k).zip(indices.par_chunks_mut(k)).enumerate();
+            rows.with_min_len(256).for_each(|(row, (distances, indices))| {
+                let mut set = |column: usize, index: u32, distance_sq: f64| {
+                    distances[column] = distance_sq.sqrt();
+                    indices[column] = i64::from(index);
+                };
+                match &found {
+                    None => {
+                        let nearest = self.tree.nearest(&queries[row]);
+                        set(0, nearest.index, nearest.distance_sq);
+                    }
+                    Some(found) => {
+                        let (indices, distances_sq) = found.of(row);
+                        for (column, (&index, &distance_sq)) in indices.iter().zip(distances_sq).enumerate() {
+                            set(column, index, distance_sq);
+                        }
                     }
                 }
-            }
+            });
             Ok((distances, indices))
         })?;
         let columns = (k > 1).then_some(k);
