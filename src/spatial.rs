@@ -159,7 +159,8 @@ impl KdTree {
         queries.par_iter().with_min_len(256).map(|q| self.nearest(q)).collect()
     }
 
-    /// [`KdTree::k_nearest`] of many queries, in parallel; [`KNeighbors::of_queries`] takes about half the time.
+    /// [`KdTree::k_nearest`] of many queries, in parallel; for `k` from 12 on [`KNeighbors::of_queries`] takes little more
+    /// than half the time.
     ///
     /// [`KNeighbors::of_queries`]: crate::preprocess::KNeighbors::of_queries
     #[must_use]

@@ -37,7 +37,7 @@ impl CellList {
         self.grid.indices(position)
     }
 
-    /// The positions with these indices in Morton order of their cells, those of one cell in order of index.
+    /// Indices of the positions in Morton order of their cells, those of one cell ascending.
     pub(crate) fn order(&self, positions: &[[f64; 3]]) -> Vec<u32> {
         let key = |position| self.grid.key(self.cell(position));
         let mut keys: Vec<(u64, u32)> =

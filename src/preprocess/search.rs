@@ -14,6 +14,8 @@ use crate::spatial::{KdTree, Neighbor};
 const REACH_SAMPLE: usize = 64;
 /// Share of those queries whose k-th neighbour lies within an edge.
 const REACH_QUANTILE: f64 = 0.97;
+/// Neighbours below which the tree takes less time than cells, of which hardly any point shares one.
+const FEW_NEIGHBORS: usize = 6;
 /// Points for each query from which on the tree takes less time than to sort them into cells.
 const FEW_QUERIES: usize = 8;
 /// A neighbourhood with more than this many points for each neighbour sought is left to the tree.
@@ -91,10 +93,9 @@ impl<'a> Search<'a> {
         }
         let k = k.min(points.len());
         let reach = usual_reach(tree, queries, k);
+        let worthwhile = k >= FEW_NEIGHBORS && queries.len() >= points.len() / FEW_QUERIES;
         // Where all neighbours coincide, or the cloud is too large for cells of this size, the tree does everything.
-        let cells = (queries.len() >= points.len() / FEW_QUERIES)
-            .then(|| CellList::new(points, reach, "reach").ok())
-            .flatten();
+        let cells = worthwhile.then(|| CellList::new(points, reach, "reach").ok()).flatten();
         Ok(Self { tree, queries, k, nearest_first, cells, reach, order: Vec::new() })
     }
 
