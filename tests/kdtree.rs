@@ -130,6 +130,22 @@ fn neighbours_agree_with_the_tree_where_density_varies() {
 }
 
 #[test]
+fn a_tree_is_the_same_at_any_number_of_threads() {
+    // So many that both sides of a split are built at the same time; on a lattice it is the tree that decides ties.
+    let lattice = (0..40_000).map(|i| [f64::from(i % 200), f64::from(i / 200), 0.0]);
+    let points: Vec<[f64; 3]> = lattice.chain(Random(8).cube(20_000, 150.0)).collect();
+    let queries = Random(9).cube(500, 200.0);
+    let run = || {
+        let tree = KdTree::new(&points).unwrap();
+        let on_lattice: Vec<_> = points[..500].iter().map(|p| tree.k_nearest(p, 7)).collect();
+        (tree.nearest_batch(&queries), on_lattice)
+    };
+    let alone = with_threads(1, run);
+    assert_eq!(with_threads(2, run), alone);
+    assert_eq!(with_threads(3, run), alone);
+}
+
+#[test]
 fn batches_are_the_single_queries() {
     let mut random = Random(3);
     let (points, queries) = (random.cube(3000, 1.0), random.cube(700, 1.2));

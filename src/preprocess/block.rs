@@ -8,7 +8,7 @@ pub(super) const SLACK: f32 = 1e-5;
 /// The points of a cell and of those around it: all that lie within an edge of a position in the cell.
 pub(super) struct Block {
     /// Edge of a cell \[length\].
-    edge: f64,
+    pub(super) edge: f64,
     /// A position in the middle cell.
     center: [f64; 3],
     pub(super) points: Vec<[f64; 3]>,

@@ -37,7 +37,7 @@ impl KNeighbors {
     /// # Errors
     /// Those of [`KNeighbors::new`].
     pub fn of_queries(tree: &KdTree, points: &[[f64; 3]], queries: &[[f64; 3]], k: usize) -> Result<Self> {
-        Ok(Self::found(&Search::of(tree, points, queries, k, true)?))
+        Ok(Self::found(&Search::of(tree, points, queries, k)?))
     }
 
     fn found(search: &Search) -> Self {

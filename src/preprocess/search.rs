@@ -44,29 +44,18 @@ impl<'a> Search<'a> {
         k: usize,
         nearest_first: bool,
     ) -> Result<Self> {
-        let mut search = Self::new(tree, points, points, k, nearest_first)?;
-        search.order = match &search.cells {
-            Some(cells) => cells.members.clone(),
-            None => (0..points.len() as u32).collect(),
-        };
-        Ok(search)
+        Self::new(tree, points, points, k, nearest_first, |cells| cells.members.clone())
     }
 
-    /// Neighbours of `queries` among the points.
+    /// Neighbours of `queries` among the points, nearest first.
     pub(super) fn of(
         tree: &'a KdTree,
         points: &[[f64; 3]],
         queries: &'a [[f64; 3]],
         k: usize,
-        nearest_first: bool,
     ) -> Result<Self> {
         check_finite(queries)?;
-        let mut search = Self::new(tree, points, queries, k, nearest_first)?;
-        search.order = match &search.cells {
-            Some(cells) => cells.order(queries),
-            None => (0..queries.len() as u32).collect(),
-        };
-        Ok(search)
+        Self::new(tree, points, queries, k, true, |cells| cells.order(queries))
     }
 
     fn new(
@@ -75,6 +64,7 @@ impl<'a> Search<'a> {
         queries: &'a [[f64; 3]],
         k: usize,
         nearest_first: bool,
+        order: impl FnOnce(&CellList) -> Vec<u32>,
     ) -> Result<Self> {
         if k == 0 {
             return Err(Error::InvalidParameter {
@@ -96,7 +86,8 @@ impl<'a> Search<'a> {
         let worthwhile = k >= FEW_NEIGHBORS && queries.len() >= points.len() / FEW_QUERIES;
         // Where all neighbours coincide, or the cloud is too large for cells of this size, the tree does everything.
         let cells = worthwhile.then(|| CellList::new(points, reach, "reach").ok()).flatten();
-        Ok(Self { tree, queries, k, nearest_first, cells, reach, order: Vec::new() })
+        let order = cells.as_ref().map_or_else(|| (0..queries.len() as u32).collect(), order);
+        Ok(Self { tree, queries, k, nearest_first, cells, reach, order })
     }
 
     /// For each query its slot.
@@ -164,8 +155,6 @@ fn usual_reach(tree: &KdTree, queries: &[[f64; 3]], k: usize) -> f64 {
 /// The points around a query, from which its neighbours are picked.
 struct Candidates {
     block: Block,
-    /// Edge of a cell \[length\].
-    reach: f64,
     rough_sq: Vec<f32>,
     near: Vec<u32>,
     /// Those near as one number each: the bits of a rounded squared distance (not negative, so in order) above the place
@@ -175,8 +164,7 @@ struct Candidates {
 
 impl Candidates {
     fn new(reach: f64) -> Self {
-        let block = Block::new(reach);
-        Self { block, reach, rough_sq: Vec::new(), near: Vec::new(), keys: Vec::new() }
+        Self { block: Block::new(reach), rough_sq: Vec::new(), near: Vec::new(), keys: Vec::new() }
     }
 
     /// Looks how far the points are from `query`, roughly.
@@ -195,7 +183,7 @@ impl Candidates {
         nearest_first: bool,
         found: &mut Vec<Neighbor>,
     ) -> Option<f64> {
-        let scale_sq = self.reach.recip().powi(2);
+        let scale_sq = self.block.edge.recip().powi(2);
         // Every place is written and only those that pass are kept: no branch to mispredict.
         let most = (bound_sq * scale_sq) as f32 + SLACK;
         let mut count = 0;
