@@ -110,20 +110,16 @@ fn mostly_within(points: &[[f64; 3]], distance: f64) -> bool {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
-    use super::*;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
 
-    /// A number in [0, 1) that looks random (the finaliser of SplitMix64, Steele et al. 2014).
-    fn random(i: u32) -> f64 {
-        let mixed = u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (mixed >> 11) as f64 / (1_u64 << 53) as f64
-    }
+    use super::*;
 
     /// That of `count` points at random on a square of 50 x 50 voxels.
     fn sparseness_of(count: u32) -> f64 {
-        let points: Vec<[f64; 3]> =
-            (0..count).map(|i| [50.0 * random(2 * i), 50.0 * random(2 * i + 1), 0.0]).collect();
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut coordinate = || 50.0 * f64::from(random.next_u32()) / f64::from(u32::MAX);
+        let points: Vec<[f64; 3]> = (0..count).map(|_| [coordinate(), coordinate(), 0.0]).collect();
         let voxels = voxel_downsample(&points, 1.0).unwrap().points;
         let tree = KdTree::new(&voxels).unwrap();
         sparseness(&KNeighbors::new(&tree, &voxels, 12).unwrap(), 1.0)
