@@ -97,8 +97,8 @@ impl Estimator {
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
             let Remarks { warnings, ambiguous } =
                 remarks(declared, candidate, candidates, &refined.axis, &detection, prepared);
-            let trust = score.trust(surface.oriented);
-            if best.as_ref().is_none_or(|best| trust > best.score.trust(surface.oriented)) {
+            let trust = score.trust(prepared.outward);
+            if best.as_ref().is_none_or(|best| trust > best.score.trust(prepared.outward)) {
                 best = Some(Settled { refined, order, score, detection, ambiguous, warnings });
             }
             // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
@@ -169,8 +169,7 @@ impl Estimator {
 
 fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
     let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
-    let hint =
-        if prepared.surface.oriented { "" } else { "; give the viewpoint or the order, which say more" };
+    let hint = if prepared.outward { "" } else { "; give the viewpoint or the order, which say more" };
     let evidence = match refusal {
         Some((axis, detection)) => Evidence {
             axis: (prepared.world_from_local * axis.direction.into_inner()).into(),

@@ -135,11 +135,11 @@ impl Estimator {
 
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
-        let origin = origin_height(&folded, config.origin, base, surface.oriented);
+        let origin = origin_height(&folded, config.origin, base, prepared.outward);
         let height = origin.value;
         let heading = find_heading(&folded, order, config.yaw);
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
-        stages.flag(ORIENTED, surface.oriented);
+        stages.flag(ORIENTED, prepared.outward);
         stages.number("coverage", completion.coverage);
         stages.series("outcomes", &score.counts());
         if let Some(visibility) = &prepared.visibility {
@@ -188,7 +188,7 @@ impl Estimator {
         Ok(Estimate {
             world_from_object: prepared.world_from_local * local_from_object,
             order,
-            score: score.trust(surface.oriented) * if ambiguous { AMBIGUOUS } else { 1.0 },
+            score: score.trust(prepared.outward) * if ambiguous { AMBIGUOUS } else { 1.0 },
             explained: detection.explained,
             covariance,
             unobservable,
@@ -259,7 +259,7 @@ impl Estimator {
         let order = Some(self.config.order).filter(|order| *order != Order::Auto);
         let candidates = vec![Found { proposal, order, explained: 0.0 }];
         Ok(match self.settle(&prepared, &candidates, stages.control()) {
-            Ok(settled) if settled.score.trust(prepared.surface.oriented) >= least => {
+            Ok(settled) if settled.score.trust(prepared.outward) >= least => {
                 Ok(Aligned { prepared, candidates, settled })
             }
             Ok(_) | Err(Error::NoSymmetry { .. }) => Err(prepared),

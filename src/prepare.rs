@@ -9,8 +9,8 @@ use crate::config::{ClusterMode, Config, NonFinite, OutlierParams, TrackingParam
 use crate::error::{Error, Result};
 use crate::preprocess::{
     ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
-    find_ground, main_cluster, mean_heights, normals_from_neighbors, separate_sides, voxel_downsample,
-    voxel_layers,
+    find_ground, main_cluster, mean_heights, normals_from_neighbors, separate_sides, single_viewpoint,
+    voxel_downsample, voxel_layers,
 };
 use crate::resolution::{COARSE, FINE, LAYERED, default_voxel, sparseness, width};
 use crate::spatial::KdTree;
@@ -45,6 +45,8 @@ pub(crate) struct Prepared {
     pub ground: Option<[f64; 4]>,
     /// What the cameras saw to be empty.
     pub visibility: Option<Visibility>,
+    /// Whether normals point outward, since viewpoints are known.
+    pub outward: bool,
     /// Mean unit direction from the part to its sensors, short when they stand all round.
     pub toward_sensors: Option<Vector3<f64>>,
 }
@@ -87,7 +89,7 @@ pub(crate) fn prepare(
         }
         None => (scene, None),
     };
-    let part = match tracking {
+    let mut part = match tracking {
         Some(TrackingParams { points, .. }) => part.thinned(*points, &mut region),
         None => part,
     };
@@ -95,7 +97,14 @@ pub(crate) fn prepare(
 
     stages.begin("downsample")?;
     let diameter = width(&part.points);
-    let oriented = cloud.has_viewpoints();
+    let outward = cloud.has_viewpoints();
+    if !outward && config.smoothing.assume_view {
+        // Points too far apart for small voxels may suit those that the caller chose.
+        let place = single_viewpoint(&part.points, diameter).unwrap_or(None);
+        part.places.extend(place.map(Vector3::from));
+        stages.flag("one_view_assumed", !part.places.is_empty());
+    }
+    let oriented = !part.places.is_empty();
     let layered = oriented && config.smoothing.join_layers;
     let resolution = match (oriented, layered) {
         (true, true) => LAYERED,
@@ -207,7 +216,7 @@ pub(crate) fn prepare(
         let Samples { points, normals } = &mut samples;
         points.iter_mut().zip(normals).zip(heights.drain(..)).for_each(|((p, n), height)| *p += *n * height);
     }
-    let toward_sensors = oriented.then(|| {
+    let toward_sensors = outward.then(|| {
         let directions = pick(&sides.viewpoints)
             .into_iter()
             .zip(&samples.points)
@@ -216,6 +225,7 @@ pub(crate) fn prepare(
     });
     let mut surface = Surface::new(samples, oriented, voxel_size, config.propose.gate * diameter);
     surface.heights = heights;
+    surface.assumed_view = part.places.first().copied().filter(|_| !outward);
     Ok(Prepared {
         world_from_local: nalgebra::Translation3::from(Vector3::from(cloud.origin())) * part.frame,
         surface,
@@ -227,6 +237,7 @@ pub(crate) fn prepare(
         point_of_inlier,
         ground: ground.map(|g| g.plane),
         visibility,
+        outward,
         toward_sensors,
     })
 }

@@ -27,15 +27,18 @@ pub(crate) fn remarks(
 ) -> Remarks {
     let visibility = prepared.visibility.as_ref();
     let found = declared == Order::Auto;
-    let one_view = found && visibility.is_some_and(|v| v.views() == 1);
-    let aside = prepared.toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
-    let half = half_turn(detection, one_view, !prepared.surface.oriented).filter(|_| found);
+    let assumed = prepared.surface.assumed_view;
+    let one_view = found && (assumed.is_some() || visibility.is_some_and(|v| v.views() == 1));
+    let toward_sensors = prepared.toward_sensors.or(assumed.map(|place| place - prepared.surface.centroid));
+    let aside = toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
+    let half = half_turn(detection, one_view, !prepared.outward).filter(|_| found);
+    let revolves = revolution(detection).filter(|_| found && !prepared.outward);
     let rival = detection.rival.filter(|_| found).map(rival);
-    let ambiguity = aside.or(half).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
+    let ambiguity = aside.or(half).or(revolves).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
     let ambiguous = ambiguity.is_some();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if found {
-        warnings.extend((!prepared.surface.oriented).then(|| UNSEEN.to_owned()));
+        warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(detection.rest.map(details));
@@ -66,6 +69,20 @@ fn half_turn(detection: &Detection, one_view: bool, unknown: bool) -> Option<Str
         format!(
             "ambiguous: a half turn brings {percent:.0} % of the surface to where nothing was measured: give the \
              viewpoints, or declare the order"
+        )
+    })
+}
+
+/// Says so when a surface of revolution was found without viewpoints, and much of the part meets nothing at other angles.
+fn revolution(detection: &Detection) -> Option<String> {
+    /// Share of the observed surface that other angles must explain. Bolt holes, spokes and the handle of a mug leave less;
+    /// so does what was hidden.
+    const MAPPED: f64 = 0.85;
+    (detection.order == Some(Order::Continuous) && detection.explained < MAPPED).then(|| {
+        let percent = 100.0 * (1.0 - detection.explained);
+        format!(
+            "ambiguous: {percent:.0} % of a surface of revolution would be hidden, or the part has features that are not \
+             round: give the viewpoints, or declare the order"
         )
     })
 }

@@ -27,6 +27,7 @@ mod search;
 mod sides;
 mod smooth;
 mod statistical;
+mod viewpoint;
 mod voxel;
 
 use rayon::prelude::*;
@@ -43,6 +44,7 @@ pub use radius::{RadiusParams, remove_radius_outliers};
 pub use sides::{Sides, separate_sides};
 pub use smooth::{SmoothingParams, enough_neighbors, mean_heights};
 pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};
+pub use viewpoint::single_viewpoint;
 pub use voxel::{VoxelGrid, voxel_downsample};
 
 /// Points that one task handles; fixed, so that sums do not depend on the number of threads.

@@ -9,13 +9,16 @@ use super::{CHUNK, KNeighbors, Sides};
 use crate::median::median;
 use crate::spatial::{KdTree, Neighbor};
 
-/// How noise is told from shape, where viewpoints are known.
+/// How noise is told from shape, where viewpoints are known or assumed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SmoothingParams {
     /// Joins the voxels that hold one surface in several layers. Normals and filters then take 0.6 times the neighbours
     /// that they are set to, and distances between neighbours count 0.75 times: a layer has fewer points than several.
     pub join_layers: bool,
+    /// Where no viewpoint is given, assumes one view if all of the surface can be seen from one place. It tells the sides of
+    /// walls apart, and nothing else.
+    pub assume_view: bool,
     /// Neighbours of a local plane where noise is large, at most \[count\]; where it is small, those of the normals do.
     pub max_neighbors: usize,
     /// Tilt of a typical local plane by noise that calls for more neighbours \[rad\].
@@ -28,7 +31,13 @@ pub struct SmoothingParams {
 
 impl Default for SmoothingParams {
     fn default() -> Self {
-        Self { join_layers: true, max_neighbors: 90, max_tilt: 0.08, max_angle: Some(0.15) }
+        Self {
+            join_layers: true,
+            assume_view: true,
+            max_neighbors: 90,
+            max_tilt: 0.08,
+            max_angle: Some(0.15),
+        }
     }
 }
 

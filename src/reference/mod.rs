@@ -10,6 +10,7 @@ mod register;
 mod sides;
 
 use std::f64::consts::TAU;
+use std::sync::OnceLock;
 
 use nalgebra::{Point3, Rotation3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
@@ -44,6 +45,8 @@ pub(crate) const ORIENTED: &str = "oriented_normals";
 pub struct Reference {
     sector: Sector,
     surface: Sides,
+    /// The same for scans of which nobody knows which way their normals point; made when the first one comes.
+    without_sides: OnceLock<Sides>,
     diameter: f64,
 }
 
@@ -131,7 +134,18 @@ impl Reference {
         let [rim, low, high] = reach(&samples.points);
         let diameter = (2.0 * rim).hypot(high - low);
         let surface = Sides::new(samples, sector.oriented, sector.cell, register::WIDEST_GATE * diameter);
-        Ok(Self { sector, surface, diameter })
+        Ok(Self { sector, surface, without_sides: OnceLock::new(), diameter })
+    }
+
+    /// The surface in which points are looked up by normals that point outward or, where that is not known, either way.
+    fn sides(&self, outward: bool) -> &Sides {
+        if outward || !self.sector.oriented {
+            return &self.surface;
+        }
+        self.without_sides.get_or_init(|| {
+            let samples = self.surface.samples.clone();
+            Sides::new(samples, false, self.sector.cell, register::WIDEST_GATE * self.diameter)
+        })
     }
 }
 

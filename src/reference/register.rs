@@ -73,6 +73,13 @@ pub(crate) struct Scan<'a> {
     pub preferred: Option<Isometry3<f64>>,
 }
 
+impl Scan<'_> {
+    /// Whether its normals point outward, since viewpoints are known.
+    fn outward(&self) -> bool {
+        self.visibility.is_some()
+    }
+}
+
 /// A scan in the frame of the reference.
 pub(crate) struct Registered {
     /// The taught frame.
@@ -124,9 +131,10 @@ impl Reference {
         let chosen = posed.min_by(|a, b| away(&a.0, scan).total_cmp(&away(&b.0, scan)));
         let (near, turns_freely) = chosen.unwrap_or((scan.scan_from_object, false));
 
+        let sides = self.sides(scan.outward());
         let gates = [GATE * self.cell()];
-        let fit = Fit::new(&self.surface, scan.samples, near.inverse(), &gates, revolves, control)?;
-        let overlap = overlap(&self.surface, &judged, &fit.object_from_scan, self.cell());
+        let fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
+        let overlap = overlap(sides, &judged, &fit.object_from_scan, self.cell());
         let agreement = self.agreement(scan, &fit.object_from_scan);
         let (covariance, unobservable) = fit.covariance(0.5 * self.diameter, revolves || turns_freely);
         Ok(Registered {
@@ -142,12 +150,13 @@ impl Reference {
 
     /// Lays a scan on the surface from a place of the search, and judges it there.
     fn closer(&self, scan: &Scan, judged: &Samples, place: Place, control: &Control) -> Result<Place> {
+        let sides = self.sides(scan.outward());
         let (widest, last) = (WIDEST_GATE * self.diameter, GATE * self.cell());
         let gates = [widest, (0.5 * widest).max(last), last];
         let revolves = self.order() == Order::Continuous;
-        let fit = Fit::new(&self.surface, judged, place.object_from_scan, &gates, revolves, control)?;
+        let fit = Fit::new(sides, judged, place.object_from_scan, &gates, revolves, control)?;
         let object_from_scan = fit.object_from_scan;
-        let close = closeness(&self.surface, judged, &object_from_scan, last);
+        let close = closeness(sides, judged, &object_from_scan, last);
         Ok(Place { object_from_scan, fit: close * self.agreement(scan, &object_from_scan) })
     }
 
@@ -167,7 +176,7 @@ impl Reference {
     fn places(&self, scan: &Scan, flipped: bool) -> Vec<Place> {
         let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), if flipped { PI } else { 0.0 });
         let object_from_scan = over * scan.scan_from_object.inverse();
-        let coarse = &scan.samples.strided(TRIED);
+        let (sides, coarse) = (self.sides(scan.outward()), &scan.samples.strided(TRIED));
         let [_, low, high] = reach(&moved(&scan.samples.points, &object_from_scan));
         let [rim, bottom, top] = reach(&self.surface.samples.points);
         let step = STEP * self.diameter;
@@ -187,7 +196,7 @@ impl Reference {
                 let along = Translation3::new(0.0, 0.0, first + (height as f64 - 2.0) * step);
                 let object_from_scan = along * UnitQuaternion::from_scaled_axis(about) * object_from_scan;
                 let gate = 2.0 * step;
-                Place { object_from_scan, fit: closeness(&self.surface, coarse, &object_from_scan, gate) }
+                Place { object_from_scan, fit: closeness(sides, coarse, &object_from_scan, gate) }
             })
             .collect();
         places.sort_by(|a, b| b.fit.total_cmp(&a.fit));

@@ -68,8 +68,11 @@ struct Packed {
 pub struct Surface {
     /// The measured points, in spatial order.
     pub samples: Samples,
-    /// Whether normals point toward the sensor; otherwise their sign means nothing.
+    /// Whether normals point toward the sensor, or all of them away from it where one view is assumed; otherwise their sign
+    /// means nothing.
     pub oriented: bool,
+    /// The place from which one view is assumed to have seen all of it \[length\], where no viewpoint is given.
+    pub assumed_view: Option<Vector3<f64>>,
     /// Typical distance between neighbouring points \[length\].
     pub spacing: f64,
     /// Mean of the points \[length\].
@@ -112,7 +115,17 @@ impl Surface {
         let centroid = samples.points.iter().sum::<Vector3<f64>>() / count;
         let spread: f64 = samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
         let radius = (spread / count).sqrt();
-        Self { samples, oriented, spacing, centroid, radius, heights: Vec::new(), packed, fields }
+        Self {
+            samples,
+            oriented,
+            assumed_view: None,
+            spacing,
+            centroid,
+            radius,
+            heights: Vec::new(),
+            packed,
+            fields,
+        }
     }
 
     /// Number of points.

@@ -9,8 +9,13 @@ import sympose
 from sympose.datasets import Scan, part, scan
 
 
-def seen_without_viewpoints(name: str) -> Scan:
-    return scan(part(name), "sphere", views=5, seed=1)
+def seen_without_viewpoints(name: str, views: int = 5) -> Scan:
+    return scan(part(name), "sphere", views=views, seed=1)
+
+
+def axis_error(scanned: Scan, found: sympose.Estimate) -> float:
+    sine = np.linalg.norm(np.cross(found.pose[:3, 2], scanned.world_from_object[:3, 2]))
+    return float(np.degrees(np.arcsin(min(1.0, sine))))
 
 
 @pytest.mark.parametrize("name", ["flange_8", "impeller_5", "wheel_hub_5", "wheel_hub_10", "gear_12"])
@@ -18,8 +23,7 @@ def test_an_order_stands_out_although_much_is_hidden(name: str) -> None:
     scanned = seen_without_viewpoints(name)
     found = sympose.estimate(scanned.scene.points)
     assert found.order == part(name).order
-    sine = np.linalg.norm(np.cross(found.pose[:3, 2], scanned.world_from_object[:3, 2]))
-    assert np.degrees(np.arcsin(sine)) < 0.05
+    assert axis_error(scanned, found) < 0.05
     assert any("without viewpoints" in warning for warning in found.warnings)
 
 
@@ -39,3 +43,45 @@ def test_a_half_turn_that_leaves_much_unmatched_is_weak_evidence() -> None:
     assert found.order == 2
     assert found.score < 0.5
     assert any("half turn" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("name", ["propeller_2", "propeller_3", "propeller_5", "impeller_7", "wheel_hub_5"])
+def test_one_view_tells_the_sides_of_walls_without_its_viewpoint(name: str) -> None:
+    scanned = seen_without_viewpoints(name, views=1)
+    found = sympose.estimate(scanned.scene.points, order=part(name).order)
+    assert found.diagnostics["one_view_assumed"] is True
+    assert axis_error(scanned, found) < 0.2
+    assert found.score >= 0.5
+    # Front and back look alike, so nothing may be told from where the sensor is supposed to have stood.
+    assert found.diagnostics["oriented_normals"] is False
+
+
+def test_the_sides_are_what_it_takes() -> None:
+    scanned = seen_without_viewpoints("propeller_3", views=1)
+    config = sympose.Config(smoothing={"assume_view": False})
+    found = sympose.estimate(scanned.scene.points, order=3, config=config)
+    assert "one_view_assumed" not in found.diagnostics
+    assert axis_error(scanned, found) > 1.0
+
+
+@pytest.mark.parametrize("name", ["propeller_3", "wheel_hub_5", "can", "knob_3"])
+def test_several_views_are_not_taken_for_one(name: str) -> None:
+    scanned = seen_without_viewpoints(name)
+    found = sympose.estimate(scanned.scene.points, order=part(name).order)
+    assert found.diagnostics["one_view_assumed"] is False
+
+
+def test_a_surface_of_revolution_that_hides_much_is_weak_evidence() -> None:
+    # One view hides so much of the spokes that turns by any angle hold as well as those of the order.
+    found = sympose.estimate(seen_without_viewpoints("wheel_hub_5", views=1).scene.points)
+    assert found.order == "continuous"
+    assert found.score < 0.5
+    assert any("would be hidden" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("name", ["gear_12", "can"])
+def test_an_order_found_in_one_view_from_the_side_is_weak_evidence(name: str) -> None:
+    found = sympose.estimate(scan(part(name), "edge", views=1, seed=1).scene.points)
+    assert found.diagnostics["one_view_assumed"] is True
+    assert found.score < 0.5
+    assert any("ambiguous" in warning for warning in found.warnings)

@@ -75,6 +75,16 @@ def test_the_taught_frame_is_found_again(name: str, views: int, seed: int) -> No
         assert (np.linalg.eigvalsh(covariance) > 0.0).all()
 
 
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize(("views", "seed"), [(5, 2), (1, 3)])
+def test_the_taught_frame_is_found_without_viewpoints(name: str, views: int, seed: int) -> None:
+    # The reference was taught with them, and knows which way its normals point; such a scan does not.
+    one = scanned(name, views, seed)
+    found = sympose.estimate(one.scene.points, reference=taught(name)[0])
+    assert error(name, one, found.pose) <= 0.002
+    assert found.diagnostics["reference_overlap"] > 0.8
+
+
 def test_a_scan_that_does_not_tell_the_turn_says_so() -> None:
     # Past the rim of this wheel the camera sees no spoke.
     found = estimated(scanned("wheel_hub_5", 1, 2), reference=taught("wheel_hub_5")[0])
