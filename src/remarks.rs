@@ -47,7 +47,8 @@ pub(crate) fn remarks(
 }
 
 /// Remark on an order that was found without knowing what was seen from where.
-const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them, or the order";
+const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them \
+                      ([0, 0, 0] for points in the frame of the camera), or the order";
 
 /// Says so when an order of two was found where little could contradict it: half of a part, as `one_view` shows it, seldom
 /// contradicts a half turn about some axis, and nothing does where it is `unknown` what was seen.
