@@ -340,25 +340,45 @@ fn the_order_is_found_without_viewpoints() {
     assert!(estimate.warnings.iter().any(|warning| warning.contains("without viewpoints")));
 }
 
-#[test]
-fn an_order_that_the_scan_does_not_show_is_not_made_up() {
-    // A box with three different edges, one of its faces sloping, and a boss in one corner.
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("box.xyz");
+/// Points on a box with three different edges, one of its faces sloping, and a plate over one corner; or only on as many
+/// of these faces: those that one place sees are the first five.
+fn asymmetric_box(faces: usize) -> String {
     let mut lines = String::new();
     for i in 0..3600 {
         let (u, v) = (f64::from(i % 60) / 59.0, f64::from(i / 60) / 59.0);
-        for [x, y, z] in [
+        let all = [
             [u, 0.6 * v, 0.0],
             [u, 0.0, 0.25 * v],
             [0.0, 0.6 * u, 0.25 * v],
             [u, 0.6, 0.25 * v * (1.0 - 0.8 * u)],
             [0.7 + 0.2 * u, 0.1 + 0.2 * v, 0.35],
-        ] {
+            [1.0, 0.6 * u, 0.25 * v * (1.0 - 0.8 * u)],
+            [u, 0.6 * v, 0.25 * (1.0 - 0.8 * u * v)],
+        ];
+        for [x, y, z] in &all[..faces] {
             lines += &format!("{x} {y} {z}\n");
         }
     }
-    std::fs::write(&path, lines).unwrap();
+    lines
+}
+
+#[test]
+fn an_order_that_one_view_may_show_is_not_to_be_acted_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.xyz");
+    std::fs::write(&path, asymmetric_box(5)).unwrap();
+    let (code, out, err) = sympose(&["estimate", path.to_str().unwrap(), "--json", "-"]);
+    assert_eq!(code, 1, "{out}");
+    assert!(err.contains("below 0.5"), "{err}");
+    let estimate: Estimate = serde_json::from_str(&out).unwrap();
+    assert!(estimate.warnings.iter().any(|warning| warning.contains("one view shows too little")), "{out}");
+}
+
+#[test]
+fn an_order_that_the_scan_does_not_show_is_not_made_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.xyz");
+    std::fs::write(&path, asymmetric_box(7)).unwrap();
     let (code, out, err) = sympose(&["estimate", path.to_str().unwrap(), "--json", "-"]);
     assert_eq!(code, 1, "{out}");
     assert!(err.contains("viewpoint or the order"), "{err}");

@@ -72,6 +72,16 @@ fn what_has_a_back_takes_several_views() {
 }
 
 #[test]
+fn points_that_fill_a_volume_are_no_view() {
+    for count in [300, 3000, 30_000] {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let points: Vec<[f64; 3]> =
+            (0..count).map(|_| std::array::from_fn(|_| uniform(&mut random))).collect();
+        assert!(single_viewpoint(&points, 1.7).unwrap().is_none(), "{count}");
+    }
+}
+
+#[test]
 fn strays_far_away_cost_neither_the_place_nor_memory() {
     let mut points = seen_from_above(20_000);
     points.extend([[2.4, 0.0, 0.0], [0.0, 50.0, 3.0], [-3e3, 1e3, 0.0]]);

@@ -21,6 +21,9 @@ const DISTANCE: f64 = 2.5;
 /// apart.
 const VOXELS: [f64; 2] = [100.0, 280.0];
 
+/// Height at which another surface is told apart beyond which points that fill a volume would pass for one [diameters].
+const COARSEST: f64 = 0.04;
+
 /// Share of the points that must be in sight from one of the first places, for others beside it to be tried: of the same
 /// scans from one place at least 0.69.
 const PROMISING: f64 = 0.6;
@@ -52,6 +55,9 @@ pub fn single_viewpoint(points: &[[f64; 3]], diameter: f64) -> Result<Option<[f6
     let mut found: Option<Sighted> = None;
     for level in 0..VOXELS.len() {
         let surface = Surface::new(points, diameter, diameter / VOXELS[level])?;
+        if surface.apart > COARSEST * diameter {
+            return Ok(None);
+        }
         let start = match found {
             None => surface.best(&surface.all_around(DISTANCE * diameter)),
             Some(Sighted { place, .. }) => surface.best(&[place]),
