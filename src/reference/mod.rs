@@ -142,10 +142,14 @@ impl Reference {
         if outward || !self.sector.oriented {
             return &self.surface;
         }
-        self.without_sides.get_or_init(|| {
-            let samples = self.surface.samples.clone();
-            Sides::new(samples, false, self.sector.cell, register::WIDEST_GATE * self.diameter)
-        })
+        if let Some(sides) = self.without_sides.get() {
+            return sides;
+        }
+        // Not made while the lock is held: it is work for the thread pool, and what this thread takes on while it waits may
+        // be another scan that asks for it.
+        let samples = self.surface.samples.clone();
+        let sides = Sides::new(samples, false, self.sector.cell, register::WIDEST_GATE * self.diameter);
+        self.without_sides.get_or_init(|| sides)
     }
 }
 
