@@ -17,7 +17,7 @@ pub struct SmoothingParams {
     /// that they are set to, and distances between neighbours count 0.75 times: a layer has fewer points than several.
     pub join_layers: bool,
     /// Where no viewpoint is given, assumes one view if all of the surface can be seen from one place. It tells the sides of
-    /// walls apart, and nothing else.
+    /// walls apart, and that a rotated point which is turned away would not have been seen; nothing else.
     pub assume_view: bool,
     /// Neighbours of a local plane where noise is large, at most \[count\]; where it is small, those of the normals do.
     pub max_neighbors: usize,
