@@ -172,6 +172,7 @@ impl Estimator {
             let visibility = prepared.visibility.as_ref();
             let scan = Scan {
                 samples: &refined,
+                outward: prepared.outward,
                 surface,
                 visibility,
                 scan_from_object: local_from_object,

@@ -108,7 +108,6 @@ fn mostly_within(points: &[[f64; 3]], distance: f64) -> bool {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -116,20 +115,22 @@ mod tests {
     use super::*;
 
     /// That of `count` points at random on a square of 50 x 50 voxels.
-    fn sparseness_of(count: u32) -> f64 {
+    fn sparseness_of(count: u32) -> Result<f64> {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut coordinate = || 50.0 * f64::from(random.next_u32()) / f64::from(u32::MAX);
         let points: Vec<[f64; 3]> = (0..count).map(|_| [coordinate(), coordinate(), 0.0]).collect();
-        let voxels = voxel_downsample(&points, 1.0).unwrap().points;
-        let tree = KdTree::new(&voxels).unwrap();
-        sparseness(&KNeighbors::new(&tree, &voxels, 12).unwrap(), 1.0)
+        let voxels = voxel_downsample(&points, 1.0)?.points;
+        let tree = KdTree::new(&voxels)?;
+        Ok(sparseness(&KNeighbors::new(&tree, &voxels, 12)?, 1.0))
     }
 
     #[test]
-    fn voxels_that_stay_empty_make_a_surface_sparse() {
-        assert!(sparseness_of(20_000) < 1.01, "a full layer is {}", sparseness_of(20_000));
+    fn voxels_that_stay_empty_make_a_surface_sparse() -> Result<()> {
+        let full = sparseness_of(20_000)?;
+        assert!(full < 1.01, "{full}");
         // A third of the voxels have a point: 1.7 times as far from each other.
-        let third = sparseness_of(1_000);
+        let third = sparseness_of(1_000)?;
         assert!((1.4..1.8).contains(&third), "{third}");
+        Ok(())
     }
 }

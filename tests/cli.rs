@@ -340,9 +340,9 @@ fn the_order_is_found_without_viewpoints() {
     assert!(estimate.warnings.iter().any(|warning| warning.contains("without viewpoints")));
 }
 
-/// Points on a box with three different edges, one of its faces sloping, and a plate over one corner; or only on as many
-/// of these faces: those that one place sees are the first five.
-fn asymmetric_box(faces: usize) -> String {
+/// Exit code, output and messages for points on a box with three different edges, one of its faces sloping, and a plate
+/// over one corner; or only on as many of these faces: those that one place sees are the first five.
+fn estimate_of_box(faces: usize) -> (u8, String, String) {
     let mut lines = String::new();
     for i in 0..3600 {
         let (u, v) = (f64::from(i % 60) / 59.0, f64::from(i / 60) / 59.0);
@@ -359,15 +359,15 @@ fn asymmetric_box(faces: usize) -> String {
             lines += &format!("{x} {y} {z}\n");
         }
     }
-    lines
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.xyz");
+    std::fs::write(&path, lines).unwrap();
+    sympose(&["estimate", text(&path), "--json", "-"])
 }
 
 #[test]
 fn an_order_that_one_view_may_show_is_not_to_be_acted_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("box.xyz");
-    std::fs::write(&path, asymmetric_box(5)).unwrap();
-    let (code, out, err) = sympose(&["estimate", path.to_str().unwrap(), "--json", "-"]);
+    let (code, out, err) = estimate_of_box(5);
     assert_eq!(code, 1, "{out}");
     assert!(err.contains("below 0.5"), "{err}");
     let estimate: Estimate = serde_json::from_str(&out).unwrap();
@@ -376,10 +376,7 @@ fn an_order_that_one_view_may_show_is_not_to_be_acted_on() {
 
 #[test]
 fn an_order_that_the_scan_does_not_show_is_not_made_up() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("box.xyz");
-    std::fs::write(&path, asymmetric_box(7)).unwrap();
-    let (code, out, err) = sympose(&["estimate", path.to_str().unwrap(), "--json", "-"]);
+    let (code, out, err) = estimate_of_box(7);
     assert_eq!(code, 1, "{out}");
     assert!(err.contains("viewpoint or the order"), "{err}");
     let refusal: serde_json::Value = serde_json::from_str(&out).unwrap();

@@ -61,6 +61,8 @@ const LARGEST_RATIO: f64 = 1.15;
 pub(crate) struct Scan<'a> {
     /// Points and normals.
     pub samples: &'a Samples,
+    /// Whether these normals point outward, since viewpoints are known.
+    pub outward: bool,
     /// The surface that they were refined from.
     pub surface: &'a Surface,
     /// What the cameras saw to be empty.
@@ -71,13 +73,6 @@ pub(crate) struct Scan<'a> {
     pub order: Order,
     /// Among equivalent poses the one nearest to this is wanted.
     pub preferred: Option<Isometry3<f64>>,
-}
-
-impl Scan<'_> {
-    /// Whether its normals point outward, since viewpoints are known.
-    fn outward(&self) -> bool {
-        self.visibility.is_some()
-    }
 }
 
 /// A scan in the frame of the reference.
@@ -131,7 +126,7 @@ impl Reference {
         let chosen = posed.min_by(|a, b| away(&a.0, scan).total_cmp(&away(&b.0, scan)));
         let (near, turns_freely) = chosen.unwrap_or((scan.scan_from_object, false));
 
-        let sides = self.sides(scan.outward());
+        let sides = self.sides(scan.outward);
         let gates = [GATE * self.cell()];
         let fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
         let overlap = overlap(sides, &judged, &fit.object_from_scan, self.cell());
@@ -150,7 +145,7 @@ impl Reference {
 
     /// Lays a scan on the surface from a place of the search, and judges it there.
     fn closer(&self, scan: &Scan, judged: &Samples, place: Place, control: &Control) -> Result<Place> {
-        let sides = self.sides(scan.outward());
+        let sides = self.sides(scan.outward);
         let (widest, last) = (WIDEST_GATE * self.diameter, GATE * self.cell());
         let gates = [widest, (0.5 * widest).max(last), last];
         let revolves = self.order() == Order::Continuous;
@@ -176,7 +171,7 @@ impl Reference {
     fn places(&self, scan: &Scan, flipped: bool) -> Vec<Place> {
         let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), if flipped { PI } else { 0.0 });
         let object_from_scan = over * scan.scan_from_object.inverse();
-        let (sides, coarse) = (self.sides(scan.outward()), &scan.samples.strided(TRIED));
+        let (sides, coarse) = (self.sides(scan.outward), &scan.samples.strided(TRIED));
         let [_, low, high] = reach(&moved(&scan.samples.points, &object_from_scan));
         let [rim, bottom, top] = reach(&self.surface.samples.points);
         let step = STEP * self.diameter;

@@ -123,10 +123,7 @@ pub fn outcome(
         margin = gate.off_plane;
     }
     match sight.seen(&point, &normal, margin) {
-        // Whether it was seen from in front or, mirrored, from behind: what is turned away was not.
-        Seen::Free if surface.assumed_view.is_some_and(|place| normal.dot(&(place - point)) < 0.0) => {
-            Outcome::Hidden
-        }
+        Seen::Free if surface.is_turned_away(&point, &normal) => Outcome::Hidden,
         Seen::Free => Outcome::Contradicted,
         Seen::Missing => Outcome::Missing,
         Seen::Hidden => Outcome::Hidden,

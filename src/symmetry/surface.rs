@@ -140,6 +140,13 @@ impl Surface {
         self.samples.points.is_empty()
     }
 
+    /// Whether the view that is assumed could not have seen a surface at `point` that faces along `normal`: whether it looked
+    /// from in front or, mirrored, from behind, what is turned away from it was out of sight.
+    #[must_use]
+    pub fn is_turned_away(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        self.assumed_view.is_some_and(|place| normal.dot(&(place - point)) < 0.0)
+    }
+
     /// Distance of `point` from the plane of the measured point `index`, to the side of its normal \[length\].
     #[must_use]
     #[inline]

@@ -111,6 +111,13 @@ def test_another_part_is_refused(reference: str, name: str, views: int) -> None:
     assert "reference" in evidence["reason"]
 
 
+@pytest.mark.parametrize("views", [5, 1])
+@pytest.mark.parametrize(("reference", "name"), [("propeller_3", "knob_3"), ("wheel_hub_5", "sprocket_6")])
+def test_another_part_is_refused_without_viewpoints(reference: str, name: str, views: int) -> None:
+    with pytest.raises(NoSymmetryError, match="does not fit the reference"):
+        sympose.estimate(scanned(name, views, 2).scene.points, reference=taught(reference)[0])
+
+
 def test_another_order_or_size_is_refused(part: Part, estimate: Estimate) -> None:
     reference = estimate.as_reference()
     with pytest.raises(NoSymmetryError, match="order 10, but the reference has 5"):
