@@ -65,7 +65,9 @@ impl Estimator {
         let surface = &prepared.surface;
         let declared = self.config().order;
         let mut refusal = None;
-        let mut best: Option<Settled> = None;
+        // One view hides so much that a wrong axis may be as good, but seldom allows the declared order, too.
+        let one_view = prepared.one_view();
+        let mut best: Option<((bool, f64), Settled)> = None;
         let mut answered: Vec<(&Found, f64)> = Vec::new();
         let mut tried = 0;
         for candidate in candidates {
@@ -96,22 +98,24 @@ impl Estimator {
             let sight = prepared.sight(&refined.axis);
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
             let Remarks { warnings, ambiguous } =
-                remarks(declared, candidate, candidates, &refined.axis, &detection, prepared);
+                remarks(declared, candidate, candidates, &refined.axis, &score, &detection, prepared);
             let trust = score.trust(prepared.outward);
-            if best.as_ref().is_none_or(|best| trust > best.score.trust(prepared.outward)) {
-                best = Some(Settled { refined, order, score, detection, ambiguous, warnings });
+            let allowed = !one_view || detection.allows(order);
+            if best.as_ref().is_none_or(|(worth, _)| (allowed, trust) > *worth) {
+                let settled = Settled { refined, order, score, detection, ambiguous, warnings };
+                best = Some(((allowed, trust), settled));
             }
             // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
             // smaller one hides less.
             let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
-            if trust >= enough {
+            if trust >= enough && allowed {
                 break;
             }
             if trust >= TRACKED {
                 answered.push((candidate, PASSED));
             }
         }
-        best.ok_or_else(|| no_symmetry(prepared, refusal))
+        best.map(|(_, settled)| settled).ok_or_else(|| no_symmetry(prepared, refusal))
     }
 
     /// Finds the order about an axis.
@@ -123,7 +127,7 @@ impl Estimator {
         let distance = (prepared.sparseness * distance).min(widest.distance);
         let gate = Gate { distance, off_plane, ..widest };
         let mut params = self.config().detect.clone();
-        if self.config().order != Order::Auto {
+        if self.config().order != Order::Auto && !prepared.one_view() {
             params.samples = params.samples.min(REMARKED);
             params.ring_samples = params.ring_samples.min(REMARKED);
         }

@@ -52,6 +52,11 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
+    /// Whether a single view, whose place is known, shows all there is.
+    pub(crate) fn one_view(&self) -> bool {
+        self.visibility.as_ref().is_some_and(|visibility| visibility.views() == 1)
+    }
+
     /// What the cameras say about places near `axis`.
     pub(crate) fn sight(&self, axis: &Axis) -> Sight<'_> {
         Sight::about(axis, &self.surface, self.visibility.as_ref())

@@ -6,6 +6,7 @@ use crate::prepare::Prepared;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
+use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::{Found, group_size};
 
 /// What is remarked on an answer.
@@ -15,13 +16,14 @@ pub(crate) struct Remarks {
     pub ambiguous: bool,
 }
 
-/// All that the caller should know about `axis`, refined from the one `chosen` of the `candidates`, and about the order
-/// found there.
+/// All that the caller should know about `axis`, refined from the one `chosen` of the `candidates`, with its `score` and
+/// the order found there.
 pub(crate) fn remarks(
     declared: Order,
     chosen: &Found,
     candidates: &[Found],
     axis: &Axis,
+    score: &MatchScore,
     detection: &Detection,
     prepared: &Prepared,
 ) -> Remarks {
@@ -35,7 +37,10 @@ pub(crate) fn remarks(
     let revolves = revolution(detection).filter(|_| found && !prepared.outward);
     let rival = detection.rival.filter(|_| found).map(rival);
     let ambiguity = aside.or(half).or(revolves).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
-    let ambiguous = ambiguity.is_some();
+    let ambiguity = ambiguity
+        .or_else(|| out_of_sight(score).filter(|_| declared == Order::Cyclic(2) && prepared.one_view()));
+    let doubted = !found && prepared.one_view() && !detection.allows(declared);
+    let ambiguous = ambiguity.is_some() || doubted;
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if found {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
@@ -70,6 +75,22 @@ fn half_turn(detection: &Detection, one_view: bool, unknown: bool) -> Option<Str
         format!(
             "ambiguous: a half turn brings {percent:.0} % of the surface to where nothing was measured: give the \
              viewpoints, or declare the order"
+        )
+    })
+}
+
+/// Says so when the half turn of a declared order turns much of the only view away: a two-bladed propeller seen edge-on
+/// looks two-fold about other axes, too.
+fn out_of_sight(score: &MatchScore) -> Option<String> {
+    /// Share of the surface that may go out of sight; of a part seen from above it is less.
+    const MOST: f64 = 1.0 / 3.0;
+    let [_, _, _, hidden] = score.counts();
+    let share = hidden / score.counts().iter().sum::<f64>();
+    (share > MOST).then(|| {
+        format!(
+            "ambiguous: a half turn brings {:.0} % of what the only view shows out of sight, and another axis may explain \
+             it as well: add a view",
+            100.0 * share
         )
     })
 }

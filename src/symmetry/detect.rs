@@ -103,6 +103,18 @@ pub struct Detection {
     pub generic: f64,
 }
 
+impl Detection {
+    /// Whether the part may have `order`: what was found is that, or a larger group that holds it.
+    #[must_use]
+    pub fn allows(&self, order: Order) -> bool {
+        match (order, self.order) {
+            (_, Some(Order::Continuous)) => true,
+            (Order::Cyclic(n), Some(Order::Cyclic(found))) => found.is_multiple_of(n),
+            _ => false,
+        }
+    }
+}
+
 /// Largest order of the sweep that finds the structured rings; with smaller ones there are no generic angles.
 const SURVEY_ORDER: u32 = 24;
 

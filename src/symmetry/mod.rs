@@ -15,6 +15,7 @@ pub(crate) mod peaks;
 pub mod propose;
 pub mod refine;
 pub mod residual;
+pub mod revolution;
 pub(crate) mod rings;
 pub mod robust;
 pub mod score;

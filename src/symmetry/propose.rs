@@ -103,6 +103,19 @@ fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
+/// Whether an axis passes through the part and near the hint.
+pub(crate) fn is_admitted(
+    axis: &Axis,
+    centroid: &Vector3<f64>,
+    diameter: f64,
+    within: Option<Vector3<f64>>,
+    params: &ProposeParams,
+) -> bool {
+    let hint = within.and_then(|hint| Axis::new(hint, *centroid));
+    let near_hint = hint.is_none_or(|hint| axis.angle_to(&hint) <= params.max_hint_angle);
+    near_hint && axis.distance(centroid) < 0.5 * diameter
+}
+
 /// Axes of `surface` under the rotations `turns`, best first.
 ///
 /// `diameter` is the size of the part \[length\]; `hints` are further directions worth a try (the support plane's
@@ -122,12 +135,7 @@ pub fn propose(
     control: &Control,
 ) -> Result<Vec<Proposal>> {
     let centroid = surface.centroid;
-    let admitted = |axis: &Axis| {
-        let near_hint = within
-            .and_then(|hint| Axis::new(hint, centroid))
-            .is_none_or(|hint| axis.angle_to(&hint) <= params.max_hint_angle);
-        near_hint && axis.distance(&centroid) < 0.5 * diameter
-    };
+    let admitted = |axis: &Axis| is_admitted(axis, &centroid, diameter, within, params);
     let mut starts: Vec<Axis> = if params.search {
         principal_axes(surface).unwrap_or_default()
     } else {

@@ -8,7 +8,8 @@ use crate::error::Result;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::detect::{DetectParams, detect_order};
 use crate::symmetry::order::{Order, Turns};
-use crate::symmetry::propose::{Proposal, ProposeParams, outline_center, propose};
+use crate::symmetry::propose::{Proposal, ProposeParams, is_admitted, outline_center, propose};
+use crate::symmetry::revolution::axis_of_revolution;
 use crate::symmetry::score::match_score;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
@@ -21,6 +22,9 @@ const HYPOTHESES: [Order; 5] =
 
 /// Proposals of each hypothesis that are asked for their order.
 const ASKED: usize = 3;
+
+/// Points on which axes that were not proposed by turns are judged.
+const JUDGED: usize = 1000;
 
 /// Rotations under which axes are proposed where several views show the part.
 const SEVERAL_VIEWS_TURNS: usize = 3;
@@ -52,6 +56,12 @@ pub struct SearchContext<'a> {
     pub control: &'a Control,
 }
 
+impl SearchContext<'_> {
+    fn admits(&self, axis: &Axis, surface: &Surface) -> bool {
+        is_admitted(axis, &surface.centroid, self.diameter, self.within, self.propose)
+    }
+}
+
 /// An axis with the order that it was proposed or found to have; `None` when no rotation about it fits.
 #[derive(Debug, Clone)]
 pub struct Found {
@@ -68,11 +78,28 @@ pub struct Found {
 /// # Errors
 /// When the work is cancelled.
 pub fn search_known(surface: &Surface, order: Order, context: &SearchContext<'_>) -> Result<Vec<Found>> {
-    let found = propose_under(surface, order, context)?.into_iter().map(|proposal| {
+    let mut proposals = propose_under(surface, order, context)?;
+    if order == Order::Continuous {
+        lead_by_normals(&mut proposals, surface, context);
+    }
+    let found = proposals.into_iter().map(|proposal| {
         let explained = proposal.score.explained();
         Found { proposal, order: Some(order), explained }
     });
     Ok(found.collect())
+}
+
+/// Puts the axis that all normals meet first where it is about as good as the best of the `proposals`: from one view any
+/// axis through the middle of a ball seems to explain all but what sticks out of it.
+fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &SearchContext<'_>) {
+    let Some(axis) = axis_of_revolution(surface).filter(|axis| context.admits(axis, surface)) else { return };
+    let turns = Turns::half(Order::Continuous, context.propose.max_turns);
+    let samples = surface.samples.strided(JUDGED);
+    let score = match_score(surface, &samples, &axis, &turns, context.gate, context.visibility.into());
+    let best = proposals.first().map_or(0.0, |proposal| proposal.score.value());
+    if score.value() >= EQUALLY_GOOD * best {
+        proposals.insert(0, Proposal { axis, score });
+    }
 }
 
 /// Axes and orders, best first: of the axes that explain the data about equally well, the one with the largest group.
@@ -104,7 +131,9 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     }
     let mut found: Vec<Found> = Vec::new();
     consider(&mut found, surface, proposed, &quick, &context)?;
-    let derived = across(&found).into_iter().chain(centered(&found, surface));
+    let derived =
+        across(&found).into_iter().chain(centered(&found, surface)).chain(axis_of_revolution(surface));
+    let derived = derived.filter(|axis| context.admits(axis, surface));
     let derived = derived.map(|axis| (axis, Order::Continuous)).collect();
     consider(&mut found, surface, derived, &quick, &context)?;
     let best =
@@ -139,7 +168,7 @@ fn consider(
             distinct.push((axis, hypothesis));
         }
     }
-    let samples = surface.samples.strided(1000);
+    let samples = surface.samples.strided(JUDGED);
     let ask = |(axis, hypothesis): (Axis, Order)| {
         context.control.check()?;
         let sight = Sight::about(&axis, surface, context.visibility);

@@ -2,10 +2,72 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import manifold3d
+import numpy as np
 import pytest
+import trimesh
 
 import sympose
-from sympose.datasets import part, scan
+from sympose.datasets import Part, Scan, part, scan
+
+
+def solid_part(solid: manifold3d.Manifold, order: int | str) -> Part:
+    """A part that is symmetric about z."""
+    mesh = solid.to_mesh()
+    shape = trimesh.Trimesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
+    return Part("solid", "small_part", order, shape, np.array([0.0, 0.0, 1.0]), np.zeros(3), False)
+
+
+def cylinder(height: float, radius: float) -> manifold3d.Manifold:
+    return manifold3d.Manifold.cylinder(height, radius, radius, 96, True)
+
+
+def box(*size: float) -> manifold3d.Manifold:
+    return manifold3d.Manifold.cube(list(size), True)
+
+
+def axis_error_deg(scanned: Scan, found: sympose.Estimate) -> float:
+    return float(np.degrees(np.arccos(min(1.0, abs(found.pose[:3, 2] @ scanned.axis)))))
+
+
+@pytest.mark.parametrize("order", [None, "continuous"])
+@pytest.mark.parametrize("place", ["sphere", "edge"])
+def test_the_stem_of_a_ball_tells_its_axis(place: str, order: str | None) -> None:
+    knob = manifold3d.Manifold.sphere(0.36, 96).translate([0.0, 0.0, 0.14])
+    knob += cylinder(0.5, 0.14).translate([0.0, 0.0, -0.25])
+    scanned = scan(solid_part(knob, "continuous"), place, views=1, seed=1)
+    found = sympose.estimate(scanned.scene, order=order)
+    assert found.order == "continuous"
+    assert axis_error_deg(scanned, found) < 0.1
+
+
+def tube() -> manifold3d.Manifold:
+    return box(0.5, 0.5, 0.6) - box(0.42, 0.42, 1.0)
+
+
+def nut() -> manifold3d.Manifold:
+    return manifold3d.Manifold.cylinder(0.5, 0.45, 0.45, 6, True) - cylinder(1.0, 0.2)
+
+
+@pytest.mark.parametrize(("solid", "order", "seed"), [(tube, 4, 1), (nut, 6, 2)])
+def test_an_order_that_one_view_does_not_allow_is_doubted(
+    solid: Callable[[], manifold3d.Manifold], order: int, seed: int
+) -> None:
+    # Walls that are seen from the side are two-fold about a line toward the camera.
+    scanned = scan(solid_part(solid(), order), "edge", views=1, seed=seed)
+    found = sympose.estimate(scanned.scene, order=order)
+    doubted = any(f"order {order} was declared, but" in warning for warning in found.warnings)
+    assert axis_error_deg(scanned, found) < 1.0 or (doubted and found.score < 0.5)
+
+
+def test_two_blades_seen_edge_on_are_ambiguous() -> None:
+    blades = box(1.0, 0.12, 0.03) + cylinder(0.1, 0.1)
+    scanned = scan(solid_part(blades, 2), "edge", views=1, seed=1)
+    found = sympose.estimate(scanned.scene, order=2)
+    assert found.score < 0.5
+    assert any("ambiguous" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize("name", ["flange_8", "wheel_hub_5", "gear_12"])
