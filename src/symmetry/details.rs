@@ -30,13 +30,17 @@ pub(crate) fn order_of_details(
     const ASKED: usize = 5000;
     const TURNS: usize = 24;
     /// Share of the evidence in a ring that must speak against the group, and the least amount of it.
-    const CONTRADICTED: (f64, f64) = (0.015, 8.0);
+    const CONTRADICTED: (f64, f64) = (0.006, 8.0);
     /// Points of these rings.
     const SAMPLES: usize = 1500;
     /// Share of the evidence against the group that may speak against a part of it, on average and at the worst angle.
     const LEFT: [f64; 2] = [0.25, 0.5];
     /// Evidence against it that there would be by chance.
-    const EXPECTED: f64 = 40.0;
+    const EXPECTED: f64 = 12.0;
+    /// Distance of a match beside that elsewhere: the rim of a hole must not match what comes to lie in it, and where there is
+    /// a surface no ray goes on behind it, so that nothing speaks against points that miss it.
+    const NARROW: f64 = 0.7;
+    let gate = Gate { distance: NARROW * gate.distance, ..gate };
     let asked = surface.samples.strided(ASKED);
     let turns: Vec<_> = Turns::all(order, TURNS).angles().map(|angle| axis.turn(angle)).collect();
     let rings = Rings::about(axis, &asked);

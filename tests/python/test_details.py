@@ -14,21 +14,32 @@ from sympose.datasets import Part, scan
 RADIUS = 0.024
 
 
-def disc(holes: int) -> Part:
-    """A hat-shaped disc of diameter 1 with small bolt holes."""
+def cylinder(height: float, radius: float, z: float) -> manifold3d.Manifold:
+    return manifold3d.Manifold.cylinder(height, radius, radius, 96).translate([0.0, 0.0, z])
 
-    def cylinder(height: float, radius: float, z: float) -> manifold3d.Manifold:
-        return manifold3d.Manifold.cylinder(height, radius, radius, 96).translate([0.0, 0.0, z])
 
-    solid = cylinder(0.06, 0.5, 0.0) + cylinder(0.12, 0.25, 0.05) - cylinder(1.0, 0.1, -0.3)
-    solid -= cylinder(0.1, 0.2, -0.04)
+def drilled(solid: manifold3d.Manifold, holes: int, distance: float) -> Part:
+    """A solid of revolution with small holes around its axis."""
     for k in range(holes):
-        hole = cylinder(1.0, RADIUS, -0.3).translate([0.16, 0.0, 0.0])
+        hole = cylinder(1.0, RADIUS, -0.3).translate([distance, 0.0, 0.0])
         solid -= hole.rotate([0.0, 0.0, 360.0 * k / holes])
     mesh = solid.to_mesh()
     shape = trimesh.Trimesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
     return Part(
         "disc", "wheel_hub", holes or "continuous", shape, np.array([0.0, 0.0, 1.0]), np.zeros(3), False
+    )
+
+
+def disc(holes: int) -> Part:
+    """A hat-shaped disc of diameter 1."""
+    solid = cylinder(0.06, 0.5, 0.0) + cylinder(0.12, 0.25, 0.05) - cylinder(1.0, 0.1, -0.3)
+    return drilled(solid - cylinder(0.1, 0.2, -0.04), holes, 0.16)
+
+
+def flange(holes: int) -> Part:
+    """A thick flange on a tube, of diameter 1, so that few cameras look through its holes."""
+    return drilled(
+        cylinder(0.08, 0.5, 0.0) + cylinder(0.15, 0.2, 0.08) - cylinder(1.0, 0.1, -0.1), holes, 0.4
     )
 
 
@@ -39,5 +50,17 @@ def test_bolt_holes_give_a_disc_its_order(holes: int) -> None:
     assert any("without them it would be continuous" in warning for warning in found.warnings)
 
 
-def test_a_disc_without_holes_is_a_surface_of_revolution() -> None:
-    assert sympose.estimate(scan(disc(0), "sphere", views=5, seed=1).scene).order == "continuous"
+@pytest.mark.parametrize("seed", [1, 2])
+def test_bolt_holes_give_a_flange_its_order(seed: int) -> None:
+    assert sympose.estimate(scan(flange(6), "sphere", views=5, seed=seed).scene).order == 6
+
+
+@pytest.mark.parametrize(("part", "order"), [(disc(5), 5), (flange(6), 6)])
+def test_bolt_holes_decide_in_one_view_of_the_face(part: Part, order: int) -> None:
+    assert sympose.estimate(scan(part, "upper", views=1, seed=4).scene).order == order
+
+
+@pytest.mark.parametrize("part", [disc(0), flange(0)])
+@pytest.mark.parametrize("views", [1, 5])
+def test_without_holes_it_is_a_surface_of_revolution(part: Part, views: int) -> None:
+    assert sympose.estimate(scan(part, "sphere", views=views, seed=1).scene).order == "continuous"
