@@ -37,8 +37,7 @@ pub(crate) fn remarks(
     let revolves = revolution(detection).filter(|_| found && !prepared.outward);
     let rival = detection.rival.filter(|_| found).map(rival);
     let ambiguity = aside.or(half).or(revolves).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
-    let ambiguity = ambiguity
-        .or_else(|| out_of_sight(score).filter(|_| declared == Order::Cyclic(2) && prepared.one_view()));
+    let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
     let doubted = !found && prepared.one_view() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted;
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
@@ -79,16 +78,19 @@ fn half_turn(detection: &Detection, one_view: bool, unknown: bool) -> Option<Str
     })
 }
 
-/// Says so when the half turn of a declared order turns much of the only view away: a two-bladed propeller seen edge-on
-/// looks two-fold about other axes, too.
-fn out_of_sight(score: &MatchScore) -> Option<String> {
-    /// Share of the surface that may go out of sight; of a part seen from above it is less.
-    const MOST: f64 = 1.0 / 3.0;
+/// Says so when the turns of an order take much of the only view out of sight, where they cannot be contradicted: a
+/// two-bladed propeller seen edge-on looks two-fold about other axes, too.
+fn out_of_sight(declared: Order, score: &MatchScore) -> Option<String> {
+    let most = match declared {
+        Order::Cyclic(2) => 1.0 / 3.0,
+        Order::Auto => 0.75,
+        _ => return None,
+    };
     let [_, _, _, hidden] = score.counts();
     let share = hidden / score.counts().iter().sum::<f64>();
-    (share > MOST).then(|| {
+    (share > most).then(|| {
         format!(
-            "ambiguous: a half turn brings {:.0} % of what the only view shows out of sight, and another axis may explain \
+            "ambiguous: the symmetry brings {:.0} % of what the only view shows out of sight, and another axis may explain \
              it as well: add a view",
             100.0 * share
         )
