@@ -36,7 +36,8 @@ pub(crate) fn remarks(
     let half = half_turn(detection, one_view, !prepared.outward).filter(|_| found);
     let revolves = revolution(detection).filter(|_| found && !prepared.outward);
     let rival = detection.rival.filter(|_| found).map(rival);
-    let ambiguity = aside.or(half).or(revolves).or(rival).or_else(|| ambiguity(chosen, candidates, one_view));
+    let ambiguity = aside.or(half).or(revolves).or(rival);
+    let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(chosen, candidates, one_view));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
     let doubted = !found && prepared.one_view() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted;
@@ -81,6 +82,7 @@ fn half_turn(detection: &Detection, one_view: bool, unknown: bool) -> Option<Str
 /// Says so when the turns of an order take much of the only view out of sight, where they cannot be contradicted: a
 /// two-bladed propeller seen edge-on looks two-fold about other axes, too.
 fn out_of_sight(declared: Order, score: &MatchScore) -> Option<String> {
+    // What may go out of sight: right answers to views of a face have less.
     let most = match declared {
         Order::Cyclic(2) => 1.0 / 3.0,
         Order::Auto => 0.75,
@@ -116,6 +118,8 @@ fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
     match (declared, detection.order) {
         (Order::Auto, _) => None,
         (declared, Some(found)) if declared == found => None,
+        // A part of an order too large to be looked for is no better explanation.
+        (Order::Cyclic(n), Some(Order::Cyclic(found))) if found < n && detection.allows(declared) => None,
         (declared, Some(found)) => {
             Some(format!("order {declared} was declared, but the data is explained better by order {found}"))
         }
@@ -173,7 +177,7 @@ fn rival(order: u32) -> String {
 /// Says so when another axis came out of the search that explains the data about as well, as for a cube.
 ///
 /// Of a part seen by `one_view` only, a larger group hides more of itself, and matches less for that.
-fn ambiguity(chosen: &Found, candidates: &[Found], one_view: bool) -> Option<String> {
+fn ambiguity_of_axes(chosen: &Found, candidates: &[Found], one_view: bool) -> Option<String> {
     /// Share of the score of the chosen axis.
     const AS_WELL: f64 = 0.95;
     /// The same for the axis of a larger group seen by one view.

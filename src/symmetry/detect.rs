@@ -104,14 +104,22 @@ pub struct Detection {
 }
 
 impl Detection {
-    /// Whether the part may have `order`: what was found is that, or a larger group that holds it.
+    /// Whether the part may have `order`: what was found is that, or a larger group that holds it, or nothing tells since
+    /// so large an order is not looked for.
     #[must_use]
     pub fn allows(&self, order: Order) -> bool {
         match (order, self.order) {
             (_, Some(Order::Continuous)) => true,
-            (Order::Cyclic(n), Some(Order::Cyclic(found))) => found.is_multiple_of(n),
+            (Order::Cyclic(n), Some(Order::Cyclic(found))) => {
+                found.is_multiple_of(n) || n > self.largest_order() && n.is_multiple_of(found)
+            }
             _ => false,
         }
+    }
+
+    /// The largest order that was looked for, 1 where none was.
+    fn largest_order(&self) -> u32 {
+        self.against.len() as u32 + 1
     }
 }
 
@@ -269,6 +277,29 @@ fn twisted(axis: &Axis, survey: &Samples) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_larger_group_allows_its_parts() {
+        let detection = |order, largest: usize| Detection {
+            order,
+            rest: None,
+            rival: None,
+            explained: 1.0,
+            structured: 0.5,
+            against: vec![0.1; largest - 1],
+            generic: 0.5,
+        };
+        let allowed = |found, declared| detection(Some(found), 60).allows(declared);
+        assert!(allowed(Order::Cyclic(6), Order::Cyclic(6)));
+        assert!(allowed(Order::Cyclic(6), Order::Cyclic(3)));
+        assert!(allowed(Order::Continuous, Order::Cyclic(7)));
+        assert!(!allowed(Order::Cyclic(2), Order::Cyclic(4)));
+        assert!(!allowed(Order::Cyclic(24), Order::Continuous));
+        assert!(!detection(None, 60).allows(Order::Cyclic(2)));
+        // Of 72 teeth the largest part among the orders that are looked for is 36.
+        assert!(allowed(Order::Cyclic(36), Order::Cyclic(72)));
+        assert!(!detection(Some(Order::Cyclic(36)), 80).allows(Order::Cyclic(72)));
+    }
 
     #[test]
     fn divisors_give_way_to_the_whole_group() {

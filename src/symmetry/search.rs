@@ -79,7 +79,7 @@ pub struct Found {
 /// When the work is cancelled.
 pub fn search_known(surface: &Surface, order: Order, context: &SearchContext<'_>) -> Result<Vec<Found>> {
     let mut proposals = propose_under(surface, order, context)?;
-    if order == Order::Continuous {
+    if order == Order::Continuous && context.propose.search {
         lead_by_normals(&mut proposals, surface, context);
     }
     let found = proposals.into_iter().map(|proposal| {
