@@ -66,7 +66,6 @@ impl Estimator {
         let declared = self.config().order;
         let mut refusal = None;
         // One view hides so much that a wrong axis may be as good, but seldom allows the declared order, too.
-        let one_view = prepared.one_view();
         let mut best: Option<((bool, f64), Settled)> = None;
         let mut answered: Vec<(&Found, f64)> = Vec::new();
         let mut tried = 0;
@@ -97,18 +96,17 @@ impl Estimator {
             let gate = self.final_gate(surface);
             let sight = prepared.sight(&refined.axis);
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
-            let Remarks { warnings, ambiguous } =
+            let Remarks { warnings, ambiguous, doubted } =
                 remarks(declared, candidate, candidates, &refined.axis, &score, &detection, prepared);
             let trust = score.trust(prepared.outward);
-            let allowed = !one_view || detection.allows(order);
-            if best.as_ref().is_none_or(|(worth, _)| (allowed, trust) > *worth) {
-                let settled = Settled { refined, order, score, detection, ambiguous, warnings };
-                best = Some(((allowed, trust), settled));
+            let worth = (!doubted, trust);
+            if best.as_ref().is_none_or(|(most, _)| worth > *most) {
+                best = Some((worth, Settled { refined, order, score, detection, ambiguous, warnings }));
             }
             // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
             // smaller one hides less.
             let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
-            if trust >= enough && allowed {
+            if trust >= enough && !doubted {
                 break;
             }
             if trust >= TRACKED {

@@ -14,6 +14,8 @@ pub(crate) struct Remarks {
     pub warnings: Vec<String>,
     /// Another answer may be the right one: this one deserves less trust.
     pub ambiguous: bool,
+    /// The only view does not allow the declared order about this axis.
+    pub doubted: bool,
 }
 
 /// All that the caller should know about `axis`, refined from the one `chosen` of the `candidates`, with its `score` and
@@ -48,7 +50,7 @@ pub(crate) fn remarks(
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(detection.rest.map(details));
     }
-    Remarks { warnings, ambiguous }
+    Remarks { warnings, ambiguous, doubted }
 }
 
 /// Remark on an order that was found without knowing what was seen from where.
