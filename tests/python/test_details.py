@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import manifold3d
-import numpy as np
 import pytest
-import trimesh
 
 import sympose
+from solids import cylinder, solid_part
 from sympose.datasets import Part, scan
 
 #: Radius of a bolt hole [diameters of the disc].
 RADIUS = 0.024
-
-
-def cylinder(height: float, radius: float, z: float) -> manifold3d.Manifold:
-    return manifold3d.Manifold.cylinder(height, radius, radius, 96).translate([0.0, 0.0, z])
 
 
 def drilled(solid: manifold3d.Manifold, holes: int, distance: float) -> Part:
@@ -23,11 +18,7 @@ def drilled(solid: manifold3d.Manifold, holes: int, distance: float) -> Part:
     for k in range(holes):
         hole = cylinder(1.0, RADIUS, -0.3).translate([distance, 0.0, 0.0])
         solid -= hole.rotate([0.0, 0.0, 360.0 * k / holes])
-    mesh = solid.to_mesh()
-    shape = trimesh.Trimesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
-    return Part(
-        "disc", "wheel_hub", holes or "continuous", shape, np.array([0.0, 0.0, 1.0]), np.zeros(3), False
-    )
+    return solid_part(solid, holes or "continuous")
 
 
 def disc(holes: int) -> Part:

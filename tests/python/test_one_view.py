@@ -7,21 +7,10 @@ from collections.abc import Callable
 import manifold3d
 import numpy as np
 import pytest
-import trimesh
 
 import sympose
-from sympose.datasets import Part, Scan, part, scan
-
-
-def solid_part(solid: manifold3d.Manifold, order: int | str) -> Part:
-    """A part that is symmetric about z."""
-    mesh = solid.to_mesh()
-    shape = trimesh.Trimesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
-    return Part("solid", "small_part", order, shape, np.array([0.0, 0.0, 1.0]), np.zeros(3), False)
-
-
-def cylinder(height: float, radius: float) -> manifold3d.Manifold:
-    return manifold3d.Manifold.cylinder(height, radius, radius, 96, True)
+from solids import cylinder, solid_part
+from sympose.datasets import Scan, part, scan
 
 
 def box(*size: float) -> manifold3d.Manifold:
@@ -36,7 +25,7 @@ def axis_error_deg(scanned: Scan, found: sympose.Estimate) -> float:
 @pytest.mark.parametrize("place", ["sphere", "edge"])
 def test_the_stem_of_a_ball_tells_its_axis(place: str, order: str | None) -> None:
     knob = manifold3d.Manifold.sphere(0.36, 96).translate([0.0, 0.0, 0.14])
-    knob += cylinder(0.5, 0.14).translate([0.0, 0.0, -0.25])
+    knob += cylinder(0.5, 0.14, -0.5)
     scanned = scan(solid_part(knob, "continuous"), place, views=1, seed=1)
     found = sympose.estimate(scanned.scene, order=order)
     assert found.order == "continuous"
@@ -48,7 +37,7 @@ def tube() -> manifold3d.Manifold:
 
 
 def nut() -> manifold3d.Manifold:
-    return manifold3d.Manifold.cylinder(0.5, 0.45, 0.45, 6, True) - cylinder(1.0, 0.2)
+    return manifold3d.Manifold.cylinder(0.5, 0.45, 0.45, 6, True) - cylinder(1.0, 0.2, -0.5)
 
 
 @pytest.mark.parametrize(("solid", "order", "seed"), [(tube, 4, 1), (nut, 6, 2)])
@@ -63,7 +52,7 @@ def test_an_order_that_one_view_does_not_allow_is_doubted(
 
 
 def test_two_blades_seen_edge_on_are_ambiguous() -> None:
-    blades = box(1.0, 0.12, 0.03) + cylinder(0.1, 0.1)
+    blades = box(1.0, 0.12, 0.03) + cylinder(0.1, 0.1, -0.05)
     scanned = scan(solid_part(blades, 2), "edge", views=1, seed=1)
     found = sympose.estimate(scanned.scene, order=2)
     assert found.score < 0.5
