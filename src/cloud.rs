@@ -2,7 +2,10 @@
 
 use std::collections::HashMap;
 
+use rayon::prelude::*;
+
 use crate::error::{Error, Result};
+use crate::preprocess::{CHUNK, check_finite, finite_bounds};
 
 /// Coordinates beyond this magnitude would overflow when squared and summed.
 const LARGEST_COORDINATE: f64 = 1e100;
@@ -23,21 +26,16 @@ impl Viewpoints {
         self.place_of.get(index).map_or(0, |&place| place as usize)
     }
 
-    fn of_each(viewpoints: impl Iterator<Item = [f64; 3]>) -> Self {
+    /// Those of points that come in `runs` of one viewpoint, each with its length.
+    fn of_runs(runs: impl Iterator<Item = ([f64; 3], usize)>) -> Self {
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
         let mut found = Self::default();
-        let mut last = None;
-        for viewpoint in viewpoints {
-            // Scans come view by view, so that the same place mostly follows itself.
-            let place = match last {
-                Some((same, place)) if same == viewpoint => place,
-                _ => *known.entry(viewpoint.map(f64::to_bits)).or_insert_with(|| {
-                    found.places.push(viewpoint);
-                    found.places.len() as u32 - 1
-                }),
-            };
-            last = Some((viewpoint, place));
-            found.place_of.push(place);
+        for (viewpoint, len) in runs {
+            let place = *known.entry(viewpoint.map(f64::to_bits)).or_insert_with(|| {
+                found.places.push(viewpoint);
+                found.places.len() as u32 - 1
+            });
+            found.place_of.resize(found.place_of.len() + len, place);
         }
         found
     }
@@ -71,7 +69,7 @@ impl PointCloud {
     /// # Errors
     /// [`Error::InsufficientData`] when there is no point, [`Error::NonFinite`] when none is finite,
     /// [`Error::InvalidParameter`] when a coordinate exceeds 1e100 in magnitude or there are more than 2^32 - 1 points.
-    pub fn from_points(points: Vec<[f64; 3]>) -> Result<Self> {
+    pub fn from_points(mut points: Vec<[f64; 3]>) -> Result<Self> {
         let input_len = points.len();
         if input_len == 0 {
             return Err(Error::InsufficientData {
@@ -88,18 +86,16 @@ impl PointCloud {
                 expected: "at most 4,294,967,295 points",
             });
         }
-        let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
-        let mut lower = [f64::INFINITY; 3];
-        let mut upper = [f64::NEG_INFINITY; 3];
-        for p in points.iter().filter(|p| finite(p)) {
-            for axis in 0..3 {
-                lower[axis] = lower[axis].min(p[axis]);
-                upper[axis] = upper[axis].max(p[axis]);
-            }
+        let mut input_index: Vec<u32> = (0..input_len as u32).collect();
+        if check_finite(&points).is_err() {
+            let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
+            input_index.retain(|&i| finite(&points[i as usize]));
+            points.retain(finite);
         }
-        if lower[0] > upper[0] {
+        if points.is_empty() {
             return Err(Error::NonFinite { count: input_len, total: input_len });
         }
+        let [lower, upper] = finite_bounds(&points)?;
         if let Some(x) = lower.iter().chain(&upper).find(|x| x.abs() > LARGEST_COORDINATE) {
             return Err(Error::InvalidParameter {
                 name: "points",
@@ -108,22 +104,10 @@ impl PointCloud {
             });
         }
         let origin = std::array::from_fn(|axis| 0.5 * lower[axis] + 0.5 * upper[axis]);
-        let mut local = Vec::with_capacity(input_len);
-        let mut input_index = Vec::with_capacity(input_len);
-        for (index, p) in (0u32..).zip(points) {
-            if finite(&p) {
-                local.push(std::array::from_fn(|axis| p[axis] - origin[axis]));
-                input_index.push(index);
-            }
-        }
-        Ok(Self {
-            points: local,
-            input_index,
-            input_len,
-            origin,
-            viewpoints: Viewpoints::default(),
-            normals: None,
-        })
+        points.par_iter_mut().with_min_len(CHUNK).for_each(|p| {
+            *p = [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
+        });
+        Ok(Self { points, input_index, input_len, origin, viewpoints: Viewpoints::default(), normals: None })
     }
 
     /// Says where the sensor stood: one position for all points, or one for each point as given (world coordinates).
@@ -140,7 +124,13 @@ impl PointCloud {
             [one] if self.input_len != 1 => Viewpoints { places: vec![local(one)], place_of: Vec::new() },
             many => {
                 self.check_rows("viewpoints", many.len())?;
-                Viewpoints::of_each(self.input_index.iter().map(|&i| local(&many[i as usize])))
+                // Scans come view by view, so that the same place mostly follows itself.
+                let same = |a: &u32, b: &u32| many[*a as usize] == many[*b as usize];
+                let run = |rows: &[u32]| (local(&many[rows[0] as usize]), rows.len());
+                let runs = |rows: &[u32]| rows.chunk_by(same).map(run).collect();
+                let runs: Vec<Vec<([f64; 3], usize)>> =
+                    self.input_index.par_chunks(CHUNK).map(runs).collect();
+                Viewpoints::of_runs(runs.into_iter().flatten())
             }
         };
         let is_bad = |place: &[f64; 3]| place.iter().any(|x| !x.is_finite());

@@ -1,7 +1,11 @@
-//! Poses and planes in their frames: from an axis to a pose, from the local frame to the world.
+//! Poses and planes in their frames: the frame that turns with a cloud, from an axis to a pose, from the local frame to the
+//! world.
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
+use crate::error::{Error, Result};
+use crate::preprocess::CHUNK;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::axis_frame;
 use crate::symmetry::order::Order;
@@ -42,4 +46,41 @@ pub(crate) fn height_over(axis: &Axis, [x, y, z, d]: [f64; 4]) -> Option<f64> {
 pub(crate) fn plane_in_world([x, y, z, d]: [f64; 4], world_from_local: &Isometry3<f64>) -> [f64; 4] {
     let normal = world_from_local * Vector3::new(x, y, z);
     [normal.x, normal.y, normal.z, d - normal.dot(&world_from_local.translation.vector)]
+}
+
+/// Centroid and principal axes; the sign of each axis follows the third moment, so that the frame turns with the data.
+pub(crate) fn principal_frame(points: &[[f64; 3]]) -> Result<Isometry3<f64>> {
+    let count = points.len() as f64;
+    let centroid = sum_over(points, |p| p).map(|sum| sum / count);
+    let off = |p: [f64; 3]| [p[0] - centroid[0], p[1] - centroid[1], p[2] - centroid[2]];
+    let [xx, xy, xz, yy, yz, zz] = sum_over(points, |p| {
+        let [x, y, z] = off(p);
+        [x * x, x * y, x * z, y * y, y * z, z * z]
+    });
+    let covariance = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / count;
+    let centroid = Vector3::from(centroid);
+    let eigen = SymmetricEigen::try_new(covariance, f64::EPSILON, 100)
+        .ok_or(Error::Degenerate { shape: "too ill-conditioned for principal axes" })?;
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let [largest, middle] = [eigen.eigenvalues[order[0]], eigen.eigenvalues[order[1]]];
+    // What is left of identical points are the rounding errors of where they are.
+    if largest <= (1e-12 * centroid.amax()).powi(2) {
+        return Err(Error::Degenerate { shape: "identical" });
+    }
+    if middle <= 1e-12 * largest {
+        return Err(Error::Degenerate { shape: "collinear" });
+    }
+    let axes: [Vector3<f64>; 2] = [0, 1].map(|i| eigen.eigenvectors.column(order[i]).into());
+    let skews = sum_over(points, |p| axes.map(|axis| axis.dot(&Vector3::from(off(p))).powi(3)));
+    let [x, y]: [Vector3<f64>; 2] = std::array::from_fn(|i| if skews[i] < 0.0 { -axes[i] } else { axes[i] });
+    let rotation = Rotation3::from_basis_unchecked(&[x, y, x.cross(&y)]);
+    Ok(Isometry3::from_parts(centroid.into(), rotation.into()))
+}
+
+/// Sums of `N` numbers for each point, in an order that does not depend on the number of threads.
+fn sum_over<const N: usize>(points: &[[f64; 3]], terms: impl Fn([f64; 3]) -> [f64; N] + Sync) -> [f64; N] {
+    let add = |sums: [f64; N], terms: [f64; N]| std::array::from_fn(|i| sums[i] + terms[i]);
+    let chunk = |chunk: &[[f64; 3]]| chunk.iter().fold([0.0; N], |sums, p| add(sums, terms(*p)));
+    points.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().into_iter().fold([0.0; N], add)
 }

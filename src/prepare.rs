@@ -1,14 +1,17 @@
 //! From the raw cloud to the surface of the part: region, frame, ground, voxels, outliers, cluster, normals.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Vector3};
+use std::borrow::Cow;
+
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::clean::{of_part, on_surfaces};
 use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite, OutlierParams, TrackingParams};
 use crate::error::{Error, Result};
+use crate::frames::principal_frame;
 use crate::preprocess::{
-    ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
+    CHUNK, ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
     find_ground, main_cluster, mean_heights, normals_from_neighbors, separate_sides, single_viewpoint,
     voxel_downsample, voxel_layers,
 };
@@ -265,15 +268,14 @@ impl<'a> Scene<'a> {
     /// Crops and turns into the principal frame, so that the result does not depend on how the world frame lies: the
     /// voxel grid and the starting directions turn with the data.
     fn new(cloud: &'a PointCloud, config: &Config) -> Result<Self> {
-        let origin = Vector3::from(cloud.origin());
-        let inside = |p: &[f64; 3]| {
-            config.roi.is_none_or(|[lower, upper]| {
-                (0..3).all(|i| (lower[i] - origin[i]..=upper[i] - origin[i]).contains(&p[i]))
-            })
+        let all = cloud.local_points();
+        let rows = match config.roi {
+            None => (0..all.len() as u32).collect(),
+            Some(corners) => {
+                within(all, corners.map(|corner| Vector3::from(corner) - Vector3::from(cloud.origin())))
+            }
         };
-        let points = cloud.local_points();
-        let chosen: Vec<u32> = (0..points.len() as u32).filter(|&i| inside(&points[i as usize])).collect();
-        if chosen.is_empty() {
+        if rows.is_empty() {
             return Err(Error::InsufficientData {
                 stage: "region of interest",
                 needed: MIN_POINTS,
@@ -281,12 +283,15 @@ impl<'a> Scene<'a> {
                 hint: "no point lies inside; check the corners and their unit",
             });
         }
-        enough("input", chosen.len())?;
-        let mut points: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i as usize]).collect();
-        let frame = principal_frame(&points)?;
+        enough("input", rows.len())?;
+        let cropped: Cow<[[f64; 3]]> = match config.roi {
+            None => all.into(),
+            Some(_) => rows.iter().map(|&i| all[i as usize]).collect(),
+        };
+        let frame = principal_frame(&cropped)?;
         let turn = frame.rotation.inverse();
         let normals = cloud.normals().map(|normals| {
-            chosen.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
+            rows.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
         });
         let mut scene = Self {
             cloud,
@@ -294,11 +299,10 @@ impl<'a> Scene<'a> {
             inverse: frame.inverse(),
             places: Vec::new(),
             points: Vec::new(),
-            rows: chosen,
+            rows,
             normals,
         };
-        points.par_iter_mut().for_each(|p| *p = scene.local(*p));
-        scene.points = points;
+        scene.points = cropped.par_iter().with_min_len(CHUNK).map(|p| scene.local(*p)).collect();
         scene.places = cloud.viewpoints().places.iter().map(|place| scene.local(*place).into()).collect();
         Ok(scene)
     }
@@ -412,38 +416,10 @@ fn enough(stage: &'static str, got: usize) -> Result<()> {
     Err(Error::InsufficientData { stage, needed: MIN_POINTS, got, hint })
 }
 
-/// Centroid and principal axes; the sign of each axis follows the third moment, so that the frame turns with the data.
-fn principal_frame(points: &[[f64; 3]]) -> Result<Isometry3<f64>> {
-    let count = points.len() as f64;
-    let sum = |chunk: &[[f64; 3]]| chunk.iter().map(|p| Vector3::from(*p)).sum::<Vector3<f64>>();
-    let centroid = points.par_chunks(4096).map(sum).collect::<Vec<_>>().iter().sum::<Vector3<f64>>() / count;
-    let scatter = |chunk: &[[f64; 3]]| {
-        chunk.iter().fold(Matrix3::zeros(), |m, p| {
-            let d = Vector3::from(*p) - centroid;
-            m + d * d.transpose()
-        })
-    };
-    let covariance: Matrix3<f64> = points.par_chunks(4096).map(scatter).collect::<Vec<_>>().iter().sum();
-    let eigen = SymmetricEigen::try_new(covariance / count, f64::EPSILON, 100)
-        .ok_or(Error::Degenerate { shape: "too ill-conditioned for principal axes" })?;
-    let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    let [largest, middle] = [eigen.eigenvalues[order[0]], eigen.eigenvalues[order[1]]];
-    let extent = points.iter().flatten().fold(0f64, |m, x| m.max(x.abs()));
-    if largest <= (1e-12 * extent).powi(2) {
-        return Err(Error::Degenerate { shape: "identical" });
-    }
-    if middle <= 1e-12 * largest {
-        return Err(Error::Degenerate { shape: "collinear" });
-    }
-    let axes: [Vector3<f64>; 2] = [0, 1].map(|i| {
-        let axis: Vector3<f64> = eigen.eigenvectors.column(order[i]).into();
-        let skew: f64 = points.iter().map(|p| axis.dot(&(Vector3::from(*p) - centroid)).powi(3)).sum();
-        if skew < 0.0 { -axis } else { axis }
-    });
-    let [x, y] = axes;
-    let rotation = Rotation3::from_basis_unchecked(&[x, y, x.cross(&y)]);
-    Ok(Isometry3::from_parts(centroid.into(), rotation.into()))
+/// Rows of the points in a box, ascending.
+fn within(points: &[[f64; 3]], [lower, upper]: [Vector3<f64>; 2]) -> Vec<u32> {
+    let inside = |p: &[f64; 3]| (0..3).all(|i| (lower[i]..=upper[i]).contains(&p[i]));
+    (0_u32..).zip(points).filter(|(_, p)| inside(p)).map(|(i, _)| i).collect()
 }
 
 /// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::error::{Error, Result};
 use crate::median::median;
-use crate::preprocess::{KNeighbors, median_spacing, voxel_downsample};
+use crate::preprocess::{KNeighbors, median_spacing, occupied_voxels, voxel_downsample};
 use crate::spatial::KdTree;
 
 /// Largest extent over thirteen directions, without the outermost half percent at either end \[length\].
@@ -61,15 +61,19 @@ pub(crate) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Reso
     const SPARSEST: f64 = 1.2;
     /// A spacing that is known from this many points is known well enough.
     const LOOKED_AT: usize = 200_000;
+    /// Whether it is surely small enough, from fewer.
+    const GLANCED_AT: usize = 50_000;
+    let every = |step: usize| -> Vec<[f64; 3]> { points.iter().step_by(step).copied().collect() };
     let step = points.len().div_ceil(LOOKED_AT);
-    let sample: Vec<[f64; 3]> = points.iter().step_by(step).copied().collect();
+    let sample = every(step);
     let Resolution { per_diameter, least } = resolution;
     let mut size = diameter / per_diameter;
     if least > 0.0 && size > 0.0 {
-        let voxels = voxel_downsample(&sample, size)?.points.len() as f64;
+        let voxels = occupied_voxels(&sample, size)? as f64;
         size *= (voxels / least).sqrt().clamp(FINEST, 1.0);
     }
-    if size > 0.0 && mostly_within(&sample, (step as f64).sqrt() * size / SPARSEST) {
+    let wide = points.len().div_ceil(GLANCED_AT);
+    if size > 0.0 && mostly_within(&every(wide), (wide as f64).sqrt() * size / SPARSEST) {
         return Ok(size);
     }
     let spacing = median_spacing(&KdTree::new(&sample)?, &sample) / (step as f64).sqrt();

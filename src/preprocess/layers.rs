@@ -7,11 +7,12 @@
 
 use std::cmp::Reverse;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::eigen::smallest_eigenvector;
 use super::grid::Grid;
+use super::moments::Moments;
 use super::voxel::means;
 use super::{CHUNK, VoxelGrid};
 use crate::error::Result;
@@ -47,7 +48,7 @@ const FARTHEST: f64 = 4.0;
 /// Those of [`voxel_downsample`](super::voxel_downsample).
 pub fn voxel_layers(
     points: &[[f64; 3]],
-    viewpoint_of: impl Fn(usize) -> [f64; 3],
+    viewpoint_of: impl Fn(usize) -> [f64; 3] + Sync,
     voxel_size: f64,
 ) -> Result<VoxelGrid> {
     let grid = Grid::new(points, voxel_size, "voxel_size")?;
@@ -94,28 +95,10 @@ pub fn voxel_layers(
     Ok(VoxelGrid { points, counts, inverse })
 }
 
-/// Number of points, their sum and that of their products.
-#[derive(Clone, Copy, Default)]
-struct Moments {
-    count: f64,
-    sum: Vector3<f64>,
-    products: Matrix3<f64>,
-}
-
-impl Moments {
-    fn add(&mut self, other: &Self) {
-        self.count += other.count;
-        self.sum += other.sum;
-        self.products += other.products;
-    }
-
-    /// Normal of the plane through the points, and their standard deviation about it.
-    fn plane(&self) -> (Vector3<f64>, f64) {
-        let Self { count, sum, products } = self;
-        let (normal, [thinnest, ..]) =
-            smallest_eigenvector(&((products - sum * (sum / *count).transpose()) / *count));
-        (normal, thinnest.max(0.0).sqrt())
-    }
+/// Normal of the plane through some points, and their standard deviation about it.
+fn plane(moments: &Moments) -> (Vector3<f64>, f64) {
+    let (normal, [thinnest, ..]) = smallest_eigenvector(&(moments.scatter() / moments.count));
+    (normal, thinnest.max(0.0).sqrt())
 }
 
 /// Coarse cells, in which the surface is found.
@@ -137,16 +120,17 @@ impl Blocks {
         let mut moments = vec![Moments::default(); grid.len];
         let mut places = vec![[0; 3]; grid.len];
         for ((center, &count), &block) in centers.iter().zip(counts).zip(&grid.cell_of) {
-            let (count, p) = (f64::from(count), Vector3::from(*center) - origin);
-            let sum = p * count;
-            moments[block as usize].add(&Moments { count, sum, products: sum * p.transpose() });
-            places[block as usize] = grid.indices(center);
+            let moments: &mut Moments = &mut moments[block as usize];
+            if moments.count == 0.0 {
+                places[block as usize] = grid.indices(center);
+            }
+            moments.add_weighted((Vector3::from(*center) - origin).into(), f64::from(count));
         }
         let mut blocks = Self { grid, places, normals: Vec::new(), origin };
         let normal = |block: usize| {
             let mut around = Moments::default();
-            blocks.around(block).for_each(|beside| around.add(&moments[beside]));
-            around.plane().0
+            blocks.around(block).for_each(|beside| around.join(&moments[beside]));
+            plane(&around).0
         };
         blocks.normals = (0..moments.len()).into_par_iter().with_min_len(CHUNK / 16).map(normal).collect();
         Ok(blocks)
@@ -154,27 +138,37 @@ impl Blocks {
 
     /// A block and those that touch it.
     fn around(&self, block: usize) -> impl Iterator<Item = usize> {
-        let [x, y, z] = self.places[block];
-        let steps = (0..27).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]);
-        steps.filter_map(move |[dx, dy, dz]| Some(self.grid.find([x + dx, y + dy, z + dz])? as usize))
+        self.grid.around(self.places[block]).map(|block| block as usize)
     }
 
     /// Standard deviation of the points about the surface, of which a thin wall has two \[length\]: the median over
     /// blocks of the points seen from one side.
-    fn spread(&self, points: &[[f64; 3]], voxel_of: &[u32], viewpoint_of: impl Fn(usize) -> [f64; 3]) -> f64 {
+    fn spread(
+        &self,
+        points: &[[f64; 3]],
+        voxel_of: &[u32],
+        viewpoint_of: impl Fn(usize) -> [f64; 3] + Sync,
+    ) -> f64 {
         /// Points and blocks that are looked at.
         const POINTS: usize = 50_000;
         const BLOCKS: usize = 1_000;
         /// Points that show a spread about a plane.
         const ENOUGH: f64 = 10.0;
-        let mut sides = vec![[Moments::default(); 2]; self.places.len()];
-        for i in (0..points.len()).step_by(points.len().div_ceil(POINTS).max(1)) {
+        let look = |i: usize| {
             let block = self.grid.cell_of[voxel_of[i] as usize] as usize;
             let point = Vector3::from(points[i]);
             let behind = self.normals[block].dot(&(Vector3::from(viewpoint_of(i)) - point)) < 0.0;
-            let sum = point - self.origin;
-            let moments = Moments { count: 1.0, sum, products: sum * sum.transpose() };
-            sides[block][usize::from(behind)].add(&moments);
+            (block, behind, point - self.origin)
+        };
+        let step = points.len().div_ceil(POINTS).max(1);
+        let looks: Vec<(usize, bool, Vector3<f64>)> = (0..points.len().div_ceil(step))
+            .into_par_iter()
+            .with_min_len(CHUNK)
+            .map(|i| look(i * step))
+            .collect();
+        let mut sides = vec![[Moments::default(); 2]; self.places.len()];
+        for (block, behind, point) in looks {
+            sides[block][usize::from(behind)].add(point.into());
         }
         let step = self.places.len().div_ceil(BLOCKS).max(1);
         let mut spreads = Vec::new();
@@ -182,11 +176,11 @@ impl Blocks {
             let [mut front, mut back] = [Moments::default(); 2];
             for beside in self.around(block) {
                 let turned = self.normals[block].dot(&self.normals[beside]) < 0.0;
-                front.add(&sides[beside][usize::from(turned)]);
-                back.add(&sides[beside][usize::from(!turned)]);
+                front.join(&sides[beside][usize::from(turned)]);
+                back.join(&sides[beside][usize::from(!turned)]);
             }
             spreads
-                .extend([front, back].iter().filter(|side| side.count >= ENOUGH).map(|side| side.plane().1));
+                .extend([front, back].iter().filter(|side| side.count >= ENOUGH).map(|side| plane(side).1));
         }
         median(&mut spreads).unwrap_or(0.0)
     }

@@ -18,6 +18,7 @@ mod eigen;
 mod grid;
 mod ground;
 mod layers;
+mod moments;
 mod neighbors;
 mod normals;
 pub(crate) mod outline;
@@ -45,6 +46,7 @@ pub use sides::{Sides, separate_sides};
 pub use smooth::{SmoothingParams, enough_neighbors, mean_heights};
 pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};
 pub use viewpoint::single_viewpoint;
+pub(crate) use voxel::occupied_voxels;
 pub use voxel::{VoxelGrid, voxel_downsample};
 
 /// Points that one task handles; fixed, so that sums do not depend on the number of threads.

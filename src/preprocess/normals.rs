@@ -1,10 +1,11 @@
 //! Surface normals from the local plane through the neighbours of a point.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::eigen::smallest_eigenvector;
+use super::moments::Moments;
 use super::neighbors::map_neighbors;
 use super::{CHUNK, KNeighbors};
 use crate::config::positive;
@@ -143,26 +144,13 @@ const LEAST_SPREAD: f64 = 0.05;
 /// The plane of the points with these indices, that of `center` among them.
 fn local_plane(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<Item = u32>) -> Plane {
     // Relative to the point itself the coordinates are small, so one pass loses nothing.
-    let [mut x, mut y, mut z, mut count] = [0.0; 4];
-    let [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz] = [0.0; 6];
+    let mut moments = Moments::default();
     for index in indices {
         let p = points[index as usize];
-        let [u, v, w] = [p[0] - center[0], p[1] - center[1], p[2] - center[2]];
-        x += u;
-        y += v;
-        z += w;
-        xx += u * u;
-        xy += u * v;
-        xz += u * w;
-        yy += v * v;
-        yz += v * w;
-        zz += w * w;
-        count += 1.0;
+        moments.add([p[0] - center[0], p[1] - center[1], p[2] - center[2]]);
     }
-    let sum = Vector3::new(x, y, z);
-    let products = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-    let covariance = products - sum * (sum / f64::max(count, 1.0)).transpose();
-    let (normal, [smallest, middle, largest]) = smallest_eigenvector(&covariance);
+    let (sum, count) = (moments.sum(), moments.count);
+    let (normal, [smallest, middle, largest]) = smallest_eigenvector(&moments.scatter());
     let total = smallest.max(0.0) + middle.max(0.0) + largest;
     if total <= 0.0 {
         return Plane { normal: normal.into(), ..Plane::default() };

@@ -2,13 +2,14 @@
 
 use std::ops::Range;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::eigen::smallest_eigenvector;
+use super::moments::Moments;
 use super::{CHUNK, check_finite};
 use crate::config::positive;
 use crate::error::{Error, Result};
@@ -214,41 +215,15 @@ impl HalfSpace {
         let moments: Vec<Moments> = points
             .par_chunks(CHUNK)
             .map(|chunk| {
-                chunk
-                    .iter()
-                    .filter(near)
-                    .fold(Moments::default(), |sum, p| sum.with(Vector3::from(*p) - reference))
+                let mut sum = Moments::default();
+                chunk.iter().filter(near).for_each(|p| sum.add((Vector3::from(*p) - reference).into()));
+                sum
             })
             .collect();
-        let all = moments.into_iter().fold(Moments::default(), Moments::joined);
-        let mean = all.sum / all.count;
-        let covariance = all.products - mean * all.sum.transpose();
-        let (normal, values) = smallest_eigenvector(&covariance);
-        (all.count >= 3.0 && values[1] > 0.0).then(|| Self::new(normal, &(mean + reference)))
-    }
-}
-
-#[derive(Debug, Clone, Copy, Default)]
-struct Moments {
-    count: f64,
-    sum: Vector3<f64>,
-    products: Matrix3<f64>,
-}
-
-impl Moments {
-    fn with(mut self, d: Vector3<f64>) -> Self {
-        self.count += 1.0;
-        self.sum += d;
-        self.products += d * d.transpose();
-        self
-    }
-
-    fn joined(self, other: Self) -> Self {
-        Self {
-            count: self.count + other.count,
-            sum: self.sum + other.sum,
-            products: self.products + other.products,
-        }
+        let mut all = Moments::default();
+        moments.iter().for_each(|part| all.join(part));
+        let (normal, values) = smallest_eigenvector(&all.scatter());
+        (all.count >= 3.0 && values[1] > 0.0).then(|| Self::new(normal, &(all.sum() / all.count + reference)))
     }
 }
 

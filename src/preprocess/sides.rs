@@ -3,10 +3,11 @@
 //! A blade thinner than a voxel has points of its front and its back in one cell. Their common mean lies inside the
 //! material and has no normal of its own; seen apart, each side stays where it was measured.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::eigen::smallest_eigenvector;
+use super::moments::Moments;
 use super::{CHUNK, KNeighbors, VoxelGrid};
 
 /// Voxels divided by side; the means of one side of one voxel are called a patch.
@@ -30,20 +31,24 @@ pub struct Sides {
 const FACING: f64 = 0.2;
 
 /// Neighbours from which a patch takes its own normal, at least; with fewer it keeps that of its voxel.
-const ENOUGH: usize = 6;
+const ENOUGH: f64 = 6.0;
 
+/// What the points of one side of a voxel sum to.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
-    position: Vector3<f64>,
-    viewpoint: Vector3<f64>,
+    position: [f64; 3],
+    viewpoint: [f64; 3],
     cosine: f64,
     count: f64,
 }
 
 impl Sum {
+    #[inline]
     fn add(&mut self, other: &Self) {
-        self.position += other.position;
-        self.viewpoint += other.viewpoint;
+        for axis in 0..3 {
+            self.position[axis] += other.position[axis];
+            self.viewpoint[axis] += other.viewpoint[axis];
+        }
         self.cosine += other.cosine;
         self.count += other.count;
     }
@@ -61,10 +66,11 @@ pub fn separate_sides(
     normals: &[[f64; 3]],
     neighbors: &KNeighbors,
 ) -> Sides {
-    let look = |i: usize| {
-        let (position, viewpoint) = (Vector3::from(points[i]), Vector3::from(viewpoint_of(i)));
-        let toward = (viewpoint - position).try_normalize(0.0).unwrap_or_default();
-        (position, viewpoint, toward.dot(&Vector3::from(normals[grid.inverse[i] as usize])))
+    // Plain numbers: this runs twice over all raw points.
+    let cosine = |position: &[f64; 3], viewpoint: &[f64; 3], normal: &[f64; 3]| {
+        let toward: [f64; 3] = std::array::from_fn(|axis| viewpoint[axis] - position[axis]);
+        let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        dot(&toward, normal) / dot(&toward, &toward).sqrt().max(f64::MIN_POSITIVE)
     };
     // Each task owns a range of voxels and passes over all points, so that every sum is in their order.
     let voxels = grid.points.len();
@@ -76,41 +82,41 @@ pub fn separate_sides(
             let mut sums = vec![[Sum::default(); 2]; share.min(voxels - first)];
             for (i, &voxel) in grid.inverse.iter().enumerate() {
                 let Some(sum) = sums.get_mut((voxel as usize).wrapping_sub(first)) else { continue };
-                let (position, viewpoint, cosine) = look(i);
-                sum[usize::from(cosine < 0.0)].add(&Sum {
-                    position,
-                    viewpoint,
-                    cosine: cosine.abs(),
-                    count: 1.0,
-                });
+                let (position, viewpoint) = (points[i], viewpoint_of(i));
+                let cosine = cosine(&position, &viewpoint, &normals[voxel as usize]);
+                let seen = Sum { position, viewpoint, cosine: cosine.abs(), count: 1.0 };
+                sum[usize::from(cosine < 0.0)].add(&seen);
             }
             sums
         })
         .collect();
-    let mut sums = ranges.concat();
-    let mut sides = Sides::default();
-    let mut patch_of_face = vec![[u32::MAX; 2]; sums.len()];
-    for (voxel, [front, back]) in sums.iter_mut().enumerate() {
+    let mut sides = Sides::with_capacity(voxels + voxels / 8);
+    let mut patch_of_face = Vec::with_capacity(voxels);
+    for (voxel, [mut front, mut back]) in ranges.into_iter().flatten().enumerate() {
         let seen = |sum: &Sum| sum.cosine > FACING * sum.count && sum.count > 0.0;
-        let both = seen(front) && seen(back);
-        if !both {
-            // One side only: all points belong to it.
-            let main = if front.cosine >= back.cosine { 0 } else { 1 };
-            let (stray, kept) = if main == 0 { (*back, front) } else { (*front, back) };
-            kept.add(&stray);
-            patch_of_face[voxel] = [sides.points.len() as u32; 2];
-            sides.push(voxel, kept, if main == 0 { normals[voxel] } else { normals[voxel].map(|x| -x) });
+        let [normal, opposite] = [normals[voxel], normals[voxel].map(|x| -x)];
+        let first = sides.points.len() as u32;
+        if seen(&front) && seen(&back) {
+            sides.divided += 1;
+            patch_of_face.push([first, first + 1]);
+            sides.push(voxel, &front, normal);
+            sides.push(voxel, &back, opposite);
             continue;
         }
-        sides.divided += 1;
-        for (face, sum) in [front, back].into_iter().enumerate() {
-            patch_of_face[voxel][face] = sides.points.len() as u32;
-            sides.push(voxel, sum, if face == 0 { normals[voxel] } else { normals[voxel].map(|x| -x) });
+        // One side only: all points belong to it.
+        patch_of_face.push([first; 2]);
+        if front.cosine >= back.cosine {
+            front.add(&back);
+            sides.push(voxel, &front, normal);
+        } else {
+            back.add(&front);
+            sides.push(voxel, &back, opposite);
         }
     }
     let patch = |(i, &voxel): (usize, &u32)| {
         let [front, back] = patch_of_face[voxel as usize];
-        if front == back || look(i).2 >= 0.0 { front } else { back }
+        let is_front = || cosine(&points[i], &viewpoint_of(i), &normals[voxel as usize]) >= 0.0;
+        if front == back || is_front() { front } else { back }
     };
     sides.patch_of_point = grid.inverse.par_iter().enumerate().with_min_len(CHUNK).map(patch).collect();
     if sides.divided > 0 {
@@ -120,9 +126,15 @@ pub fn separate_sides(
 }
 
 impl Sides {
+    fn with_capacity(patches: usize) -> Self {
+        let rows = || Vec::with_capacity(patches);
+        let voxel_of = Vec::with_capacity(patches);
+        Self { points: rows(), normals: rows(), viewpoints: rows(), voxel_of, ..Self::default() }
+    }
+
     fn push(&mut self, voxel: usize, sum: &Sum, normal: [f64; 3]) {
-        self.points.push((sum.position / sum.count).into());
-        self.viewpoints.push((sum.viewpoint / sum.count).into());
+        self.points.push(sum.position.map(|x| x / sum.count));
+        self.viewpoints.push(sum.viewpoint.map(|x| x / sum.count));
         self.normals.push(normal);
         self.voxel_of.push(voxel as u32);
     }
@@ -139,21 +151,17 @@ impl Sides {
             if indices.iter().all(on_one_side) {
                 return self.normals[patch];
             }
-            let (mut sum, mut products, mut count) = (Vector3::zeros(), Matrix3::zeros(), 0);
+            let mut moments = Moments::default();
             for &voxel in indices {
                 let [front, back] = patch_of_face[voxel as usize];
                 let agrees = |p: u32| Vector3::from(self.normals[p as usize]).dot(&normal) > 0.0;
                 let Some(same) = [front, back].into_iter().find(|&p| agrees(p)) else { continue };
-                let d = Vector3::from(self.points[same as usize]) - center;
-                sum += d;
-                products += d * d.transpose();
-                count += 1;
+                moments.add((Vector3::from(self.points[same as usize]) - center).into());
             }
-            if count < ENOUGH {
+            if moments.count < ENOUGH {
                 return self.normals[patch];
             }
-            let (found, _) =
-                smallest_eigenvector(&(products - sum * sum.transpose() / f64::from(count as u32)));
+            let (found, _) = smallest_eigenvector(&moments.scatter());
             let toward = Vector3::from(self.viewpoints[patch]) - center;
             (if found.dot(&toward) < 0.0 { -found } else { found }).into()
         };

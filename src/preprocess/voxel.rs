@@ -57,6 +57,11 @@ pub fn voxel_downsample(points: &[[f64; 3]], voxel_size: f64) -> Result<VoxelGri
     Ok(VoxelGrid { points, counts, inverse })
 }
 
+/// Number of cells that hold a point.
+pub(crate) fn occupied_voxels(points: &[[f64; 3]], voxel_size: f64) -> Result<usize> {
+    Ok(Grid::new(points, voxel_size, "voxel_size")?.len)
+}
+
 /// Mean and number of the values of each cell, summed in input order.
 pub(super) fn means(values: &[[f64; 3]], cell_of: &[u32], cells: usize) -> (Vec<[f64; 3]>, Vec<u32>) {
     // Each task owns a range of cells and passes over all values; that needs neither sorting nor partial sums, and

@@ -4,9 +4,11 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
 
-use super::errors;
+use super::{errors, pool};
 use crate::error::Error;
+use crate::preprocess::{self, CHUNK};
 
 /// Rows of an (N, 3) array of any real type and memory order, copied.
 ///
@@ -15,7 +17,9 @@ pub(super) fn points(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64;
     let array = value.py().import("sympose.arrays")?.call_method1("as_points", (value, name))?;
     let array = array.cast::<PyArray2<f64>>()?.try_readonly()?;
     // `as_points` returns C-order; a slice of a Fortran array would have columns for rows.
-    Ok(array.as_slice()?.as_chunks::<3>().0.to_vec())
+    let rows = array.as_slice()?.as_chunks::<3>().0;
+    let copy = || rows.par_iter().with_min_len(CHUNK).copied().collect();
+    pool::run_holding_gil(copy).map_err(|error| errors::exception(value.py(), error))
 }
 
 /// [`points`] for a stage: finite, and at least one.
@@ -32,12 +36,11 @@ pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<V
 
 /// Refuses rows with a NaN or infinite coordinate.
 pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyResult<()> {
-    // Without an early exit inside a chunk the test is a few vector instructions.
-    let finite = |chunk: &[f64]| chunk.iter().fold(true, |all, x| all & x.is_finite());
-    if rows.as_flattened().chunks(1024).all(finite) {
+    let checked = pool::run_holding_gil(|| preprocess::check_finite(rows));
+    let Err(Error::NonFinite { count: bad, .. }) = checked.map_err(|error| errors::exception(py, error))?
+    else {
         return Ok(());
-    }
-    let bad = rows.iter().filter(|row| row.iter().any(|x| !x.is_finite())).count();
+    };
     let message =
         format!("{bad} of {} rows of {name} have a NaN or infinite coordinate; remove them", rows.len());
     Err(errors::invalid_input(py, message))

@@ -55,22 +55,23 @@ pub(super) fn estimate(
     let prefer = prefer.map(|value| arrays::isometry(value, "prefer")).transpose()?;
     let reference = reference.map(|taught| taught.get().share());
     let mut config = config::parse(py, config)?;
-    // The global pool of rayon does not survive a fork, so that every call has one of its own.
-    config.threads = config.threads.or_else(|| Some(pool::all_cores()));
-
     let mut estimate = interruptible(py, progress.as_ref(), move |cancel, reports| {
         let control = control.with_cancel(cancel).with_progress(move |stage, fraction| {
             // Nobody listens any more once the call is over.
             let _ = reports.send((stage, fraction));
         });
-        let estimator = Estimator::new(config)?;
-        let (cloud, rows) = input.into_cloud()?;
-        let mut estimate =
-            estimator.estimate_with(&cloud, &Request { control, initial, prefer, reference })?;
-        if let Some(rows) = rows {
-            estimate.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
-        }
-        Ok(estimate)
+        config.validate()?;
+        // The global pool of rayon does not survive a fork, so that every call has one of its own.
+        let pool = pool::of(config.threads.take().unwrap_or_else(pool::all_cores))?;
+        pool.install(|| {
+            let (cloud, rows) = input.into_cloud()?;
+            let request = Request { control, initial, prefer, reference };
+            let mut estimate = Estimator::new(config)?.estimate_with(&cloud, &request)?;
+            if let Some(rows) = rows {
+                estimate.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
+            }
+            Ok(estimate)
+        })
     })?
     .map_err(|error| errors::exception(py, error))?;
     estimate.warnings.splice(0..0, warnings);

@@ -25,6 +25,17 @@ pub(super) fn run<T: Send>(py: Python<'_>, job: impl FnOnce() -> Result<T> + Sen
     py.detach(|| current()?.install(job)).map_err(|error| errors::exception(py, error))
 }
 
+/// Runs a `job` that needs what the GIL protects, on all cores; none of its threads may ask for the GIL.
+pub(super) fn run_holding_gil<T: Send>(job: impl FnOnce() -> T + Send) -> Result<T> {
+    Ok(current()?.install(job))
+}
+
+/// A new pool.
+pub(super) fn of(threads: usize) -> Result<ThreadPool> {
+    let built = ThreadPoolBuilder::new().num_threads(threads).build();
+    built.map_err(|error| Error::ThreadPool { threads, reason: error.to_string() })
+}
+
 fn current() -> Result<Arc<ThreadPool>> {
     let mut slot = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     let process = std::process::id();
@@ -33,12 +44,7 @@ fn current() -> Result<Arc<ThreadPool>> {
     {
         return Ok(Arc::clone(pool));
     }
-    let threads = all_cores();
-    let pool = ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|error| Error::ThreadPool { threads, reason: error.to_string() })?;
-    let pool = Arc::new(pool);
+    let pool = Arc::new(of(all_cores())?);
     // The threads of the parent's pool are not here: dropping it could wait for them.
     std::mem::forget(slot.replace((process, Arc::clone(&pool))));
     Ok(pool)

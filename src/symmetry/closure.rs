@@ -6,6 +6,8 @@
 //! it lies is not known. Between blades the lower edge is in sight, so the unseen side is put there; a ring without a
 //! gap is taken to reach down to the end of the part.
 
+use rayon::prelude::*;
+
 use crate::symmetry::fold::{Folded, FoldedPoint};
 
 /// Rings from the axis to the rim.
@@ -44,18 +46,18 @@ pub fn unseen(folded: &Folded, [lower, upper]: [f64; 2]) -> Unseen {
             rings[inner + 1].push((point, share * point.area));
         }
     }
-    let mut unseen = Unseen::default();
-    for (i, ring) in rings.iter().enumerate() {
+    let of_ring = |(i, ring): (usize, &Vec<(&FoldedPoint, f64)>)| {
         let flux: f64 = ring.iter().map(|(p, area)| area * p.slope).sum();
         let facing: f64 = ring.iter().map(|(p, area)| area * (p.slope * flux.signum()).max(0.0)).sum();
         let whole = std::f64::consts::TAU * (i as f64 + 0.5) * width * width;
         let full = ((facing / whole - GAP[0]) / (GAP[1] - GAP[0])).clamp(0.0, 1.0);
         let end = if flux > 0.0 { lower } else { upper };
         let height = full * end + (1.0 - full) * edge(ring, flux > 0.0);
-        unseen.area += SHARE * flux.abs();
-        unseen.moment += SHARE * flux.abs() * height;
-    }
-    unseen
+        let area = SHARE * flux.abs();
+        Unseen { area, moment: area * height }
+    };
+    let unseen: Vec<Unseen> = rings.par_iter().enumerate().map(of_ring).collect();
+    Unseen { area: unseen.iter().map(|u| u.area).sum(), moment: unseen.iter().map(|u| u.moment).sum() }
 }
 
 /// Lower or upper edge of a ring.

@@ -52,7 +52,9 @@ impl NearestField {
             let mut band = Band::new(Tiles::new(corner, cell, [width, tiles.size[1], tiles.size[2]]));
             band.fill(points, reach / cell);
             for (tile, held) in nearest.chunks_mut(TILE_CELLS).zip(band.tiles_from(layer)) {
-                tile.iter_mut().zip(held).for_each(|(nearest, held)| *nearest = *held as u32);
+                tile.iter_mut()
+                    .zip(held)
+                    .for_each(|(nearest, held)| *nearest = band.points[*held as u32 as usize]);
             }
         });
         Self { tiles, nearest }
@@ -117,13 +119,16 @@ impl Tiles {
 /// The cells about a surface, while they are being filled.
 struct Band {
     tiles: Tiles,
-    /// The point nearest to the centre so far and its distance, as [`held`] packs them; 0 for none.
+    /// The point nearest to the centre so far, by its place in `points`, and its distance, as [`held`] packs them; 0 for
+    /// none.
     held: Vec<u64>,
     /// Tiles that hold anything.
     touched: Vec<bool>,
+    /// Of the points in the grid one more than the index; 0 comes first, for none.
+    points: Vec<u32>,
 }
 
-/// One more than the index of a point, below the square of its distance: the bits of a float that is not negative are in
+/// A point, below the square of its distance: the bits of a float that is not negative are in
 /// order.
 fn held(distance_sq: f32, point: u32) -> u64 {
     u64::from(distance_sq.to_bits()) << 32 | u64::from(point)
@@ -131,18 +136,27 @@ fn held(distance_sq: f32, point: u32) -> u64 {
 
 impl Band {
     fn new(tiles: Tiles) -> Self {
-        Self { held: vec![0; tiles.len], touched: vec![false; tiles.len / TILE_CELLS], tiles }
+        Self {
+            held: vec![0; tiles.len],
+            touched: vec![false; tiles.len / TILE_CELLS],
+            points: vec![0],
+            tiles,
+        }
     }
 
     /// Enters those of the points that lie in the grid, and lets their cells hand them on as far as `reach` [cells].
     fn fill(&mut self, points: &[Vector3<f64>], reach: f64) {
+        // Places in the grid, which the cells that they are handed on to ask for many times.
+        let mut places: Vec<[f64; 3]> = Vec::new();
         let mut front = Vec::new();
         for (point, place) in (1_u32..).zip(points) {
             let at = self.tiles.position(place);
             if (0..3).all(|axis| at[axis] >= 0.0 && at[axis] < self.tiles.size[axis] as f64) {
                 let distance_sq = at.map(|x| (x.fract() - 0.5).powi(2)).sum() as f32;
                 let cell: [u32; 3] = at.map(|x| x as u32).into();
-                if self.offer(self.tiles.index(cell), held(distance_sq, point)) {
+                self.points.push(point);
+                places.push(at.into());
+                if self.offer(self.tiles.index(cell), held(distance_sq, places.len() as u32)) {
                     front.push(cell);
                 }
             }
@@ -155,20 +169,21 @@ impl Band {
             for &cell in &front {
                 let index = self.tiles.index(cell);
                 let point = self.held[index] as u32;
-                let center = Vector3::from(cell.map(|x| f64::from(x) + 0.5));
-                let off = self.tiles.position(&points[point as usize - 1]) - center;
-                let distance_sq = off.norm_squared();
+                let place = &places[point as usize - 1];
+                let off: [f64; 3] = std::array::from_fn(|axis| place[axis] - f64::from(cell[axis]) - 0.5);
+                let distance_sq = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
                 for axis in 0..3 {
                     let here = self.tiles.stride(axis, cell[axis] as usize);
                     for step in [-1, 1] {
-                        let mut beside = cell;
-                        beside[axis] = cell[axis].wrapping_add_signed(step);
+                        let at = cell[axis].wrapping_add_signed(step);
                         let beside_sq = distance_sq + 1.0 - 2.0 * f64::from(step) * off[axis];
-                        if beside[axis] as usize >= self.tiles.size[axis] || beside_sq >= useful {
+                        if at as usize >= self.tiles.size[axis] || beside_sq >= useful {
                             continue;
                         }
-                        let there = index - here + self.tiles.stride(axis, beside[axis] as usize);
+                        let there = index - here + self.tiles.stride(axis, at as usize);
                         if self.offer(there, held(beside_sq.max(0.0) as f32, point)) {
+                            let mut beside = cell;
+                            beside[axis] = at;
                             next.push(beside);
                         }
                     }

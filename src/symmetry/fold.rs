@@ -212,10 +212,12 @@ impl PolarGrid {
     }
 }
 
-/// The cell whose middle is nearest, and the quadratic B-spline weights of the one before, of it and of the one after.
+/// The cell whose middle is nearest, and the quadratic B-spline weights of the one before, of it and of the one after; for
+/// positions from -0.5 on.
 #[inline]
 fn spline(position: f64) -> (i64, [f64; 3]) {
-    let nearest = position.round();
-    let t = position - nearest;
-    (nearest as i64, [0.5 * (0.5 - t).powi(2), 0.75 - t * t, 0.5 * (0.5 + t).powi(2)])
+    // Cut off instead of rounded, which is a call of a function.
+    let nearest = (position + 0.5) as i64;
+    let t = position - nearest as f64;
+    (nearest, [0.5 * (0.5 - t).powi(2), 0.75 - t * t, 0.5 * (0.5 + t).powi(2)])
 }

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{Complex, Vector3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Origin, Yaw};
@@ -102,7 +103,7 @@ pub fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward
 fn ends(folded: &Folded) -> [f64; 2] {
     const LAST: f64 = 0.01;
     let mut heights: Vec<(f64, f64)> = folded.points.iter().map(|p| (p.height, p.area)).collect();
-    heights.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    heights.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let last = LAST * folded.area();
     let lower = tail(&heights, last);
     heights.reverse();

@@ -209,26 +209,25 @@ impl DepthMap {
             .par_chunks(CHUNK)
             .map(|chunk| chunk.iter().map(ray).filter_map(project).collect())
             .collect();
-        let projected = projected.concat();
+        let count: usize = projected.iter().map(Vec::len).sum();
         let mut lower = [f64::INFINITY; 2];
         let mut upper = [f64::NEG_INFINITY; 2];
-        for (uv, _) in &projected {
+        for (uv, _) in projected.iter().flatten() {
             for axis in 0..2 {
                 lower[axis] = lower[axis].min(uv[axis]);
                 upper[axis] = upper[axis].max(uv[axis]);
             }
         }
         let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
-        if projected.len() < 16 || extent <= 0.0 {
+        if count < 16 || extent <= 0.0 {
             return None;
         }
-        let cell =
-            (extent / MAX_CELLS as f64).max(extent * (points_per_cell / projected.len() as f64).sqrt());
+        let cell = (extent / MAX_CELLS as f64).max(extent * (points_per_cell / count as f64).sqrt());
         let cells_per_slope = 1.0 / cell;
         let first = lower.map(|x| x * cells_per_slope);
         let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
         let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
-        for (uv, range) in projected {
+        for (uv, range) in projected.into_iter().flatten() {
             let [column, row] = [0, 1].map(|axis| (uv[axis] * cells_per_slope - first[axis]) as usize);
             let slot = &mut nearest[row * size[0] + column];
             *slot = slot.min(range);
