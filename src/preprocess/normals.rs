@@ -141,6 +141,10 @@ fn check(params: &NormalParams) -> Result<f64> {
 /// rounding is all there is.
 const LEAST_SPREAD: f64 = 0.05;
 
+/// Half space that normals point into until they are oriented. Their sign means nothing, but were it left to rounding, so
+/// would be what depends on it, say the order of the two sides of a wall. Few surfaces are parallel to a direction like this.
+const HEMISPHERE: [f64; 3] = [0.357, 0.569, 0.741];
+
 /// The plane of the points with these indices, that of `center` among them.
 fn local_plane(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<Item = u32>) -> Plane {
     // Relative to the point itself the coordinates are small, so one pass loses nothing.
@@ -151,6 +155,7 @@ fn local_plane(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<It
     }
     let (sum, count) = (moments.sum(), moments.count);
     let (normal, [smallest, middle, largest]) = smallest_eigenvector(&moments.scatter());
+    let normal = if normal.dot(&Vector3::from(HEMISPHERE)) < 0.0 { -normal } else { normal };
     let total = smallest.max(0.0) + middle.max(0.0) + largest;
     if total <= 0.0 {
         return Plane { normal: normal.into(), ..Plane::default() };

@@ -33,6 +33,10 @@ const FACING: f64 = 0.2;
 /// Neighbours from which a patch takes its own normal, at least; with fewer it keeps that of its voxel.
 const ENOUGH: f64 = 6.0;
 
+/// Cosine between a normal and the direction to the sensor below which it is none: points along one row of a picture lie in
+/// a plane with the sensor, whose normal says nothing of the surface, and even less from which side it was seen.
+const EDGE_ON: f64 = 1e-3;
+
 /// What the points of one side of a voxel sum to.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
@@ -105,7 +109,7 @@ pub fn separate_sides(
         }
         // One side only: all points belong to it.
         patch_of_face.push([first; 2]);
-        if front.cosine >= back.cosine {
+        if front.cosine - back.cosine >= -EDGE_ON * (front.count + back.count) {
             front.add(&back);
             sides.push(voxel, &front, normal);
         } else {
@@ -162,8 +166,12 @@ impl Sides {
                 return self.normals[patch];
             }
             let (found, _) = smallest_eigenvector(&moments.scatter());
-            let toward = Vector3::from(self.viewpoints[patch]) - center;
-            (if found.dot(&toward) < 0.0 { -found } else { found }).into()
+            let toward = (Vector3::from(self.viewpoints[patch]) - center).normalize();
+            let cosine = found.dot(&toward);
+            if cosine.abs() < EDGE_ON {
+                return self.normals[patch];
+            }
+            (found * cosine.signum()).into()
         };
         (0..self.points.len()).into_par_iter().with_min_len(CHUNK).map(own).collect()
     }
