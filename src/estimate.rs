@@ -1,5 +1,6 @@
 //! The pipeline, read top to bottom like the figure of the paper.
 
+use std::panic::resume_unwind;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -103,7 +104,12 @@ impl Estimator {
             .num_threads(threads)
             .build()
             .map_err(|e| Error::ThreadPool { threads, reason: e.to_string() })?;
-        pool.install(|| self.run(cloud, request))
+        let run = || pool.install(|| self.run(cloud, request));
+        if rayon::current_thread_index().is_none() {
+            return run();
+        }
+        // A worker of another pool that waits for this one would begin the next cloud meanwhile, and in that the next.
+        std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| resume_unwind(panic))
     }
 
     fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {

@@ -1,9 +1,11 @@
 //! The whole pipeline on analytic parts: pose, order, invariance, determinism, and what is refused.
 
+use std::cell::Cell;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::time::Duration;
 
+use rayon::prelude::*;
 use sympose::config::TrackingParams;
 use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sympose::result::Diagnostic;
@@ -155,6 +157,25 @@ fn any_number_of_threads_gives_the_same_bytes() {
     };
     let one = with(1);
     assert!(one == with(2) && one == with(4));
+}
+
+/// A worker that waits for the pool of an estimate must not begin the next one inside it: many clouds would be held at
+/// once, and the stack would overflow.
+#[test]
+fn estimates_in_parallel_each_with_threads_of_its_own_do_not_nest() {
+    thread_local!(static RUNNING: Cell<u32> = const { Cell::new(0) });
+    let cloud = PointCloud::from_points(knob(5, 3000)).unwrap();
+    let estimator = Estimator::new(Config { threads: Some(2), ..cyclic(5) }).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let one = |_| {
+        let running = RUNNING.replace(RUNNING.get() + 1);
+        let found = estimator.estimate(&cloud);
+        RUNNING.set(running);
+        assert_eq!(found.unwrap().order, Order::Cyclic(5));
+        running
+    };
+    let running: Vec<u32> = pool.install(|| (0..12).into_par_iter().with_max_len(1).map(one).collect());
+    assert_eq!(running, [0; 12]);
 }
 
 #[test]
