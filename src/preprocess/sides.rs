@@ -74,7 +74,8 @@ pub fn separate_sides(
     let cosine = |position: &[f64; 3], viewpoint: &[f64; 3], normal: &[f64; 3]| {
         let toward: [f64; 3] = std::array::from_fn(|axis| viewpoint[axis] - position[axis]);
         let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        dot(&toward, normal) / dot(&toward, &toward).sqrt().max(f64::MIN_POSITIVE)
+        let length = dot(&toward, &toward).sqrt();
+        if length > 0.0 { dot(&toward, normal) / length } else { 0.0 }
     };
     // Each task owns a range of voxels and passes over all points, so that every sum is in their order.
     let voxels = grid.points.len();
@@ -166,12 +167,10 @@ impl Sides {
                 return self.normals[patch];
             }
             let (found, _) = smallest_eigenvector(&moments.scatter());
-            let toward = (Vector3::from(self.viewpoints[patch]) - center).normalize();
-            let cosine = found.dot(&toward);
-            if cosine.abs() < EDGE_ON {
-                return self.normals[patch];
-            }
-            (found * cosine.signum()).into()
+            let toward = Vector3::from(self.viewpoints[patch]) - center;
+            let facing = found.dot(&toward);
+            let is_seen = facing.abs() > EDGE_ON * toward.norm();
+            if is_seen { (found * facing.signum()).into() } else { self.normals[patch] }
         };
         (0..self.points.len()).into_par_iter().with_min_len(CHUNK).map(own).collect()
     }

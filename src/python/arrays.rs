@@ -14,17 +14,22 @@ use crate::preprocess::{self, CHUNK};
 ///
 /// A copy, because the work runs without the GIL, when another Python thread may write to the array.
 pub(super) fn points(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
+    with_rows(value, name, <[_]>::to_vec)
+}
+
+fn with_rows<T>(value: &Bound<'_, PyAny>, name: &str, copy: impl FnOnce(&[[f64; 3]]) -> T) -> PyResult<T> {
     let array = value.py().import("sympose.arrays")?.call_method1("as_points", (value, name))?;
     let array = array.cast::<PyArray2<f64>>()?.try_readonly()?;
     // `as_points` returns C-order; a slice of a Fortran array would have columns for rows.
-    let rows = array.as_slice()?.as_chunks::<3>().0;
-    let copy = || rows.par_iter().with_min_len(CHUNK).copied().collect();
-    pool::run_holding_gil(copy).map_err(|error| errors::exception(value.py(), error))
+    Ok(copy(array.as_slice()?.as_chunks::<3>().0))
 }
 
-/// [`points`] for a stage: finite, and at least one.
+/// [`points`] for a stage, which runs on all cores: finite, and at least one.
 pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<Vec<[f64; 3]>> {
-    let rows = points(value, "points")?;
+    let rows = with_rows(value, "points", |rows| {
+        pool::run_holding_gil(|| rows.par_iter().with_min_len(CHUNK).copied().collect())
+    })?;
+    let rows: Vec<[f64; 3]> = rows.map_err(|error| errors::exception(value.py(), error))?;
     check_finite(value.py(), &rows, "points")?;
     if rows.is_empty() {
         let hint = "the cloud is empty";
