@@ -165,7 +165,8 @@ pub struct Config {
     pub order: Order,
     /// Seed of everything random.
     pub seed: u64,
-    /// Worker threads in a pool of its own; `None`: the pool of the caller.
+    /// Worker threads in a pool of its own; `None`: the pool of the caller. A program that estimates many clouds in parallel
+    /// should set it, 1 at best: a worker that waits within one estimate would otherwise begin the next one there.
     pub threads: Option<usize>,
     /// Points with a NaN or infinite coordinate.
     pub non_finite: NonFinite,
