@@ -1,14 +1,14 @@
 //! Arrays in and out. What comes in goes through `sympose.arrays`, the one converter of the package.
 
+use std::thread;
+
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rayon::prelude::*;
 
 use super::{errors, pool};
 use crate::error::Error;
-use crate::preprocess::{self, CHUNK};
 
 /// Rows of an (N, 3) array of any real type and memory order, copied.
 ///
@@ -26,10 +26,7 @@ fn with_rows<T>(value: &Bound<'_, PyAny>, name: &str, copy: impl FnOnce(&[[f64; 
 
 /// [`points`] for a stage, which runs on all cores: finite, and at least one.
 pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<Vec<[f64; 3]>> {
-    let rows = with_rows(value, "points", |rows| {
-        pool::run_holding_gil(|| rows.par_iter().with_min_len(CHUNK).copied().collect())
-    })?;
-    let rows: Vec<[f64; 3]> = rows.map_err(|error| errors::exception(value.py(), error))?;
+    let rows = with_rows(value, "points", copied)?;
     check_finite(value.py(), &rows, "points")?;
     if rows.is_empty() {
         let hint = "the cloud is empty";
@@ -39,13 +36,36 @@ pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<V
     Ok(rows)
 }
 
+/// A copy, by a thread for each core where there are many rows: most of the time goes into memory that is new.
+///
+/// Threads of its own, not those of the pool: this waits for them with the GIL, which a pool that is busy would keep from
+/// every other Python thread.
+fn copied(rows: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    /// Rows that are worth a thread.
+    const ROWS: usize = 100_000;
+    let threads = pool::all_cores().min(rows.len() / ROWS);
+    if threads < 2 {
+        return rows.to_vec();
+    }
+    let mut copy = vec![[0.0; 3]; rows.len()];
+    let share = rows.len().div_ceil(threads);
+    let started = thread::scope(|scope| {
+        let mut shares = copy.chunks_mut(share).zip(rows.chunks(share));
+        shares
+            .all(|(to, from)| thread::Builder::new().spawn_scoped(scope, || to.copy_from_slice(from)).is_ok())
+    });
+    // The system may give no more threads.
+    if started { copy } else { rows.to_vec() }
+}
+
 /// Refuses rows with a NaN or infinite coordinate.
 pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyResult<()> {
-    let checked = pool::run_holding_gil(|| preprocess::check_finite(rows));
-    let Err(Error::NonFinite { count: bad, .. }) = checked.map_err(|error| errors::exception(py, error))?
-    else {
+    // Without an early exit inside a chunk the test is a few vector instructions.
+    let finite = |chunk: &[f64]| chunk.iter().fold(true, |all, x| all & x.is_finite());
+    if rows.as_flattened().chunks(1024).all(finite) {
         return Ok(());
-    };
+    }
+    let bad = rows.iter().filter(|row| row.iter().any(|x| !x.is_finite())).count();
     let message =
         format!("{bad} of {} rows of {name} have a NaN or infinite coordinate; remove them", rows.len());
     Err(errors::invalid_input(py, message))

@@ -25,11 +25,6 @@ pub(super) fn run<T: Send>(py: Python<'_>, job: impl FnOnce() -> Result<T> + Sen
     py.detach(|| current()?.install(job)).map_err(|error| errors::exception(py, error))
 }
 
-/// Runs a `job` that needs what the GIL protects, on all cores; none of its threads may ask for the GIL.
-pub(super) fn run_holding_gil<T: Send>(job: impl FnOnce() -> T + Send) -> Result<T> {
-    Ok(current()?.install(job))
-}
-
 /// A new pool.
 pub(super) fn of(threads: usize) -> Result<ThreadPool> {
     let built = ThreadPoolBuilder::new().num_threads(threads).build();
