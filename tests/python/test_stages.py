@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
@@ -117,6 +117,7 @@ def test_statistical_filter_cuts_beyond_the_average(points: Points, k: int, rati
 
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 0.9))
+@example(62018, 0.375)
 def test_plane_is_found_among_outliers(seed: int, share: float) -> None:
     rng = np.random.default_rng(seed)
     normal = rng.normal(size=3)
@@ -127,7 +128,8 @@ def test_plane_is_found_among_outliers(seed: int, share: float) -> None:
     points[on_plane] += 0.3 * normal
     plane, inliers = sympose.segment_plane(points, 1e-3, seed=seed)
     assert np.linalg.norm(plane[:3]) == pytest.approx(1.0)
-    assert abs(plane[:3] @ normal) == pytest.approx(1.0, abs=1e-9)
+    # The plane with the most points takes in strays near it, and tilts by up to the distance over the extent.
+    assert abs(plane[:3] @ normal) == pytest.approx(1.0, abs=1e-6)
     assert inliers.tolist() == np.flatnonzero(np.abs(points @ plane[:3] + plane[3]) <= 1e-3).tolist()
     assert set(np.flatnonzero(on_plane)) <= set(inliers.tolist())
 
