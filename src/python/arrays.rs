@@ -1,32 +1,26 @@
 //! Arrays in and out. What comes in goes through `sympose.arrays`, the one converter of the package.
 
-use std::thread;
-
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::{errors, pool};
+use super::errors;
 use crate::error::Error;
 
 /// Rows of an (N, 3) array of any real type and memory order, copied.
 ///
 /// A copy, because the work runs without the GIL, when another Python thread may write to the array.
 pub(super) fn points(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
-    with_rows(value, name, <[_]>::to_vec)
-}
-
-fn with_rows<T>(value: &Bound<'_, PyAny>, name: &str, copy: impl FnOnce(&[[f64; 3]]) -> T) -> PyResult<T> {
     let array = value.py().import("sympose.arrays")?.call_method1("as_points", (value, name))?;
     let array = array.cast::<PyArray2<f64>>()?.try_readonly()?;
     // `as_points` returns C-order; a slice of a Fortran array would have columns for rows.
-    Ok(copy(array.as_slice()?.as_chunks::<3>().0))
+    Ok(array.as_slice()?.as_chunks::<3>().0.to_vec())
 }
 
-/// [`points`] for a stage, which runs on all cores: finite, and at least one.
+/// [`points`] for a stage: finite, and at least one.
 pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<Vec<[f64; 3]>> {
-    let rows = with_rows(value, "points", copied)?;
+    let rows = points(value, "points")?;
     check_finite(value.py(), &rows, "points")?;
     if rows.is_empty() {
         let hint = "the cloud is empty";
@@ -34,28 +28,6 @@ pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<V
         return Err(errors::exception(value.py(), empty));
     }
     Ok(rows)
-}
-
-/// A copy, by a thread for each core where there are many rows: most of the time goes into memory that is new.
-///
-/// Threads of its own, not those of the pool: this waits for them with the GIL, which a pool that is busy would keep from
-/// every other Python thread.
-fn copied(rows: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    /// Rows that are worth a thread.
-    const ROWS: usize = 100_000;
-    let threads = pool::all_cores().min(rows.len() / ROWS);
-    if threads < 2 {
-        return rows.to_vec();
-    }
-    let mut copy = vec![[0.0; 3]; rows.len()];
-    let share = rows.len().div_ceil(threads);
-    let started = thread::scope(|scope| {
-        let mut shares = copy.chunks_mut(share).zip(rows.chunks(share));
-        shares
-            .all(|(to, from)| thread::Builder::new().spawn_scoped(scope, || to.copy_from_slice(from)).is_ok())
-    });
-    // The system may give no more threads.
-    if started { copy } else { rows.to_vec() }
 }
 
 /// Refuses rows with a NaN or infinite coordinate.
