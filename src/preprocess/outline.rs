@@ -122,15 +122,18 @@ impl Outline {
 }
 
 /// Middle of the smallest circle about `points`; from any `start`, steps of 1/(i+1) toward the farthest point converge to
-/// it (Badoiu and Clarkson 2003).
+/// it (Badoiu and Clarkson 2003), with an error below a radius divided by their number. Only corners of the hull are ever
+/// the farthest.
 pub(crate) fn enclosing_middle(points: &[Flat], start: Flat) -> Flat {
+    const STEPS: u32 = 400;
+    let corners = convex_hull(points);
     let mut middle = start;
-    for i in 1..=30 {
+    for i in 1..=STEPS {
         let farther = |(far, most): (Flat, f64), p: &Flat| {
             let distance_sq = distance_sq(*p, middle);
             if distance_sq >= most { (*p, distance_sq) } else { (far, most) }
         };
-        let (far, _) = points.iter().fold((middle, 0.0), farther);
+        let (far, _) = corners.iter().fold((middle, 0.0), farther);
         let step = 1.0 / f64::from(i + 1);
         middle = [middle[0] + step * (far[0] - middle[0]), middle[1] + step * (far[1] - middle[1])];
     }
@@ -225,5 +228,16 @@ mod tests {
         assert!(trapezoid.contains([0.0, 0.7], 0.0) && !trapezoid.contains([0.9, -0.7], 0.0));
         assert!(Outline::new(&[[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]).is_none());
         Ok(())
+    }
+
+    #[test]
+    fn the_middle_of_a_gear_is_found_though_a_quarter_of_it_is_missing() {
+        let radius = |angle: f64| if (11.0 * angle).sin() > 0.0 { 1.0 } else { 0.7 };
+        let angles = (0..2000).map(|i| f64::from(i) / 2000.0 * 1.5 * std::f64::consts::PI);
+        let outline: Vec<Flat> =
+            angles.map(|t| [3.0 + radius(t) * t.cos(), radius(t) * t.sin() - 2.0]).collect();
+        let middle = enclosing_middle(&outline, outline[0]);
+        assert!(distance(middle, [3.0, -2.0]) < 0.005, "{middle:?}");
+        assert!(distance(enclosing_middle(&[[1.0, 1.0]; 3], [1.0, 1.0]), [1.0, 1.0]) < 1e-12);
     }
 }
