@@ -78,13 +78,18 @@ impl Estimator {
                 continue;
             }
             tried += 1;
-            // Where no order is known yet, turns of the continuous group align whatever there is.
-            let start = candidate.order.unwrap_or(Order::Continuous);
+            // Where no order is known yet, the turns that brought the axis here hold it best.
+            let start = candidate.order.unwrap_or(candidate.hypothesis);
             let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
             let detection = self.detect(prepared, &refined.axis);
             let order = if declared == Order::Auto { detection.order } else { Some(declared) };
             let Some(order) = order else {
-                refusal.get_or_insert((refined.axis, detection));
+                if refusal
+                    .as_ref()
+                    .is_none_or(|(_, best): &(Axis, Detection)| detection.explained > best.explained)
+                {
+                    refusal = Some((refined.axis, detection));
+                }
                 answered.push((candidate, REFUSED));
                 continue;
             };

@@ -264,7 +264,8 @@ impl Estimator {
         };
         let proposal = Proposal { axis, score: MatchScore::default() };
         let order = Some(self.config.order).filter(|order| *order != Order::Auto);
-        let candidates = vec![Found { proposal, order, explained: 0.0 }];
+        let candidates =
+            vec![Found { proposal, order, hypothesis: order.unwrap_or(Order::Continuous), explained: 0.0 }];
         Ok(match self.settle(&prepared, &candidates, stages.control()) {
             Ok(settled) if settled.score.trust(prepared.outward) >= least => {
                 Ok(Aligned { prepared, candidates, settled })

@@ -69,6 +69,8 @@ pub struct Found {
     pub proposal: Proposal,
     /// Order.
     pub order: Option<Order>,
+    /// The order whose turns aligned the axis.
+    pub hypothesis: Order,
     /// Share of the observed surface that the order explains.
     pub explained: f64,
 }
@@ -84,7 +86,7 @@ pub fn search_known(surface: &Surface, order: Order, context: &SearchContext<'_>
     }
     let found = proposals.into_iter().map(|proposal| {
         let explained = proposal.score.explained();
-        Found { proposal, order: Some(order), explained }
+        Found { proposal, order: Some(order), hypothesis: order, explained }
     });
     Ok(found.collect())
 }
@@ -178,6 +180,7 @@ fn consider(
         Ok(Found {
             proposal: Proposal { axis, score },
             order: detection.order,
+            hypothesis,
             explained: detection.explained,
         })
     };
