@@ -9,7 +9,7 @@ use crate::estimate::{Estimator, TRACKED};
 use crate::prepare::Prepared;
 use crate::remarks::{Remarks, remarks};
 use crate::symmetry::axis::Axis;
-use crate::symmetry::details::order_of_details;
+use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
@@ -137,11 +137,12 @@ impl Estimator {
         let sight = prepared.sight(axis);
         let mut detection = detect_order(surface, axis, gate, sight, &params);
         let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
-        if let Some(order) = detection.order.filter(|_| shows_details)
-            && let Some(part) = order_of_details(surface, axis, gate, sight, order, &params)
-        {
-            detection.order = Some(Order::Cyclic(part));
-            detection.rest = Some(order);
+        if let Some(order) = detection.order.filter(|_| shows_details) {
+            detection.details = contradicting_details(surface, axis, gate, sight, order, &params);
+            if let Some(Details::OfOrder(part)) = detection.details {
+                detection.order = Some(Order::Cyclic(part));
+                detection.rest = Some(order);
+            }
         }
         detection
     }

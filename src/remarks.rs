@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::prepare::Prepared;
 use crate::symmetry::axis::Axis;
+use crate::symmetry::details::Details;
 use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
 use crate::symmetry::score::MatchScore;
@@ -38,7 +39,9 @@ pub(crate) fn remarks(
     let half = half_turn(detection, one_view, !prepared.outward).filter(|_| found);
     let revolves = revolution(detection).filter(|_| found && !prepared.outward);
     let rival = detection.rival.filter(|_| found).map(rival);
-    let ambiguity = aside.or(half).or(revolves).or(rival);
+    let fine = too_fine(detection).filter(|_| one_view);
+    let misfits = misfits(detection).filter(|_| fine.is_none());
+    let ambiguity = aside.or(half).or(revolves).or(rival).or(fine);
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
@@ -50,6 +53,7 @@ pub(crate) fn remarks(
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(detection.rest.map(details));
+        warnings.extend(misfits);
     }
     Remarks { warnings, ambiguous, doubted }
 }
@@ -158,6 +162,23 @@ fn unseen_sector(width: f64) -> String {
 /// Says so when small details decide the order.
 fn details(rest: Order) -> String {
     format!("small details decide the order: without them it would be {rest}")
+}
+
+/// Says so when details have no part in the symmetry of the rest.
+fn misfits(detection: &Detection) -> Option<String> {
+    let order = detection.order.filter(|_| detection.details == Some(Details::OfNone))?;
+    Some(format!(
+        "details contradict the order ({order}) of all the rest and every part of it: they have another one, or none"
+    ))
+}
+
+/// Says so when one view shows that a surface of revolution has details, but not how they repeat: the teeth of a gear.
+fn too_fine(detection: &Detection) -> Option<String> {
+    (detection.order == Some(Order::Continuous) && detection.details == Some(Details::OfNone)).then(|| {
+        "ambiguous: the only view shows details that are not round, but too little of them to tell the order: declare \
+         it, or add a view"
+            .to_owned()
+    })
 }
 
 /// Says so when an order was found that only one view speaks for, and that one from the side: the faces of the part, and

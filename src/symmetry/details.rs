@@ -17,17 +17,27 @@ use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
 use crate::symmetry::sweep::{Sweep, Tally, fraction};
 
-/// The order that holds for the details, too, where they contradict a larger group `order` that holds otherwise.
-pub(crate) fn order_of_details(
+/// Details that contradict the group that holds for all the rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Details {
+    /// This part of the group holds for them, too.
+    OfOrder(u32),
+    /// None does: a recess in one end of a plate, or teeth that are finer than the orders that are looked for.
+    OfNone,
+}
+
+/// The details that contradict a group `order` which holds otherwise.
+pub(crate) fn contradicting_details(
     surface: &Surface,
     axis: &Axis,
     gate: Gate,
     sight: Sight<'_>,
     order: Order,
     params: &DetectParams,
-) -> Option<u32> {
-    /// Points that are asked, and rotations of a surface of revolution.
+) -> Option<Details> {
+    /// Points that are asked, and for how many rotations of them at least; rotations of a surface of revolution.
     const ASKED: usize = 5000;
+    const ROTATED: usize = 30_000;
     const TURNS: usize = 24;
     /// Share of the evidence in a ring that must speak against the group, and the least amount of it.
     const CONTRADICTED: (f64, f64) = (0.006, 8.0);
@@ -37,12 +47,15 @@ pub(crate) fn order_of_details(
     const LEFT: [f64; 2] = [0.25, 0.5];
     /// Evidence against it that there would be by chance.
     const EXPECTED: f64 = 12.0;
+    /// Share of the evidence in these rings that must speak against the group where no part of it holds, and the least amount
+    /// of it: less may come from returns that strayed into a hole.
+    const MISFIT: (f64, f64) = (0.1, 40.0);
     /// Distance of a match beside that elsewhere: the rim of a hole must not match what comes to lie in it, and where there is
     /// a surface no ray goes on behind it, so that nothing speaks against points that miss it.
     const NARROW: f64 = 0.7;
     let gate = Gate { distance: NARROW * gate.distance, ..gate };
-    let asked = surface.samples.strided(ASKED);
     let turns: Vec<_> = Turns::all(order, TURNS).angles().map(|angle| axis.turn(angle)).collect();
+    let asked = surface.samples.strided(ASKED.max(ROTATED / turns.len()));
     let rings = Rings::about(axis, &asked);
     let evidence: Vec<Tally> = (asked.points.par_iter().zip(&asked.normals))
         .map(|(point, normal)| {
@@ -77,6 +90,9 @@ pub(crate) fn order_of_details(
         _ => sweep.generic(&everything),
     };
     let share = against.share_against();
+    if share * against.total() < EXPECTED {
+        return None;
+    }
     let holding: Vec<(u32, f64)> = (parts.into_iter())
         .map(|part| (part, sweep.order(part, &everything)))
         .filter(|(_, evidence)| {
@@ -86,5 +102,8 @@ pub(crate) fn order_of_details(
         })
         .map(|(part, evidence)| (part, evidence.sum.share_against()))
         .collect();
-    largest_group(&holding).map(|(part, _)| part)
+    match largest_group(&holding) {
+        Some((part, _)) => Some(Details::OfOrder(part)),
+        None => (share > MISFIT.0 && against.against() > MISFIT.1).then_some(Details::OfNone),
+    }
 }

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::symmetry::axis::Axis;
+use crate::symmetry::details::Details;
 use crate::symmetry::order::Order;
 use crate::symmetry::peaks::order_from_peaks;
 use crate::symmetry::rings::Rings;
@@ -91,6 +92,8 @@ pub struct Detection {
     pub order: Option<Order>,
     /// The larger group of all but some details of the part, where these have only part of it.
     pub rest: Option<Order>,
+    /// Details that contradict the larger group.
+    pub(crate) details: Option<Details>,
     /// Beside a discrete order another one that the data supports as well.
     pub rival: Option<u32>,
     /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
@@ -159,6 +162,7 @@ pub fn detect_order(
     let mut detection = Detection {
         order: Some(Order::Continuous),
         rest: None,
+        details: None,
         rival: None,
         explained: 1.0 - generic_all,
         structured: share,
@@ -283,6 +287,7 @@ mod tests {
         let detection = |order, largest: usize| Detection {
             order,
             rest: None,
+            details: None,
             rival: None,
             explained: 1.0,
             structured: 0.5,

@@ -10,7 +10,7 @@ use crate::symmetry::detect::{DetectParams, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::propose::{Proposal, ProposeParams, is_admitted, outline_center, propose};
 use crate::symmetry::revolution::axis_of_revolution;
-use crate::symmetry::score::match_score;
+use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
 use crate::symmetry::visibility::Visibility;
@@ -60,6 +60,16 @@ impl SearchContext<'_> {
     fn admits(&self, axis: &Axis, surface: &Surface) -> bool {
         is_admitted(axis, &surface.centroid, self.diameter, self.within, self.propose)
     }
+
+    /// How well the surface meets itself under the turns of an order.
+    fn score(&self, surface: &Surface, axis: &Axis, order: Order, sight: Sight<'_>) -> MatchScore {
+        let turns = Turns::half(order, self.propose.max_turns);
+        match_score(surface, &surface.samples.strided(JUDGED), axis, &turns, self.gate, sight)
+    }
+
+    fn is_same(&self, known: &Axis, other: &Axis) -> bool {
+        known.angle_to(other) < 0.02 && known.distance(&other.point) < 0.01 * self.diameter
+    }
 }
 
 /// An axis with the order that it was proposed or found to have; `None` when no rotation about it fits.
@@ -95,9 +105,7 @@ pub fn search_known(surface: &Surface, order: Order, context: &SearchContext<'_>
 /// axis through the middle of a ball seems to explain all but what sticks out of it.
 fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &SearchContext<'_>) {
     let Some(axis) = axis_of_revolution(surface).filter(|axis| context.admits(axis, surface)) else { return };
-    let turns = Turns::half(Order::Continuous, context.propose.max_turns);
-    let samples = surface.samples.strided(JUDGED);
-    let score = match_score(surface, &samples, &axis, &turns, context.gate, context.visibility.into());
+    let score = context.score(surface, &axis, Order::Continuous, context.visibility.into());
     let best = proposals.first().map_or(0.0, |proposal| proposal.score.value());
     if score.value() >= EQUALLY_GOOD * best {
         proposals.insert(0, Proposal { axis, score });
@@ -131,13 +139,22 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
         let proposals = propose_under(surface, hypothesis, &context)?;
         proposed.extend(proposals.into_iter().map(|proposal| (proposal.axis, hypothesis)));
     }
+    let admitted = |axes: Vec<Axis>| {
+        let admitted = axes.into_iter().filter(|axis| context.admits(axis, surface));
+        admitted.map(|axis| (axis, Order::Continuous)).collect::<Vec<_>>()
+    };
     let mut found: Vec<Found> = Vec::new();
     consider(&mut found, surface, proposed, &quick, &context)?;
-    let derived =
-        across(&found).into_iter().chain(centered(&found, surface)).chain(axis_of_revolution(surface));
-    let derived = derived.filter(|axis| context.admits(axis, surface));
-    let derived = derived.map(|axis| (axis, Order::Continuous)).collect();
-    consider(&mut found, surface, derived, &quick, &context)?;
+    let derived: Vec<Axis> =
+        centered(&found, surface).into_iter().chain(axis_of_revolution(surface)).collect();
+    consider(&mut found, surface, admitted(derived), &quick, &context)?;
+    // The main axis of a dihedral part, and one of an order without a divisor among those asked for: a gear of 37 teeth.
+    let thorough = DetectParams { max_order: context.detect.max_order, ..quick.clone() };
+    let main = admitted(across(&found).into_iter().chain(without_order(&found, surface, &context)).collect());
+    found.retain(|f| {
+        f.order.is_some() || main.iter().all(|(axis, _)| !context.is_same(axis, &f.proposal.axis))
+    });
+    consider(&mut found, surface, main, &thorough, &context)?;
     let best =
         found.iter().filter(|f| f.order.is_some()).map(|f| f.proposal.score.value()).fold(0.0, f64::max);
     let equally_good = if context.visibility.is_some() { EQUALLY_GOOD } else { EQUALLY_GOOD_UNSEEN };
@@ -162,21 +179,16 @@ fn consider(
 ) -> Result<()> {
     let mut distinct: Vec<(Axis, Order)> = Vec::new();
     for (axis, hypothesis) in proposed {
-        let same = |known: &Axis| {
-            known.angle_to(&axis) < 0.02 && known.distance(&axis.point) < 0.01 * context.diameter
-        };
         let mut known = found.iter().map(|f| &f.proposal.axis).chain(distinct.iter().map(|(axis, _)| axis));
-        if !known.any(same) {
+        if !known.any(|known| context.is_same(known, &axis)) {
             distinct.push((axis, hypothesis));
         }
     }
-    let samples = surface.samples.strided(JUDGED);
     let ask = |(axis, hypothesis): (Axis, Order)| {
         context.control.check()?;
         let sight = Sight::about(&axis, surface, context.visibility);
         let detection = detect_order(surface, &axis, context.gate, sight, quick);
-        let turns = Turns::half(detection.order.unwrap_or(hypothesis), context.propose.max_turns);
-        let score = match_score(surface, &samples, &axis, &turns, context.gate, sight);
+        let score = context.score(surface, &axis, detection.order.unwrap_or(hypothesis), sight);
         Ok(Found {
             proposal: Proposal { axis, score },
             order: detection.order,
@@ -218,18 +230,43 @@ fn centered(found: &[Found], surface: &Surface) -> Vec<Axis> {
     const TRIED: usize = 6;
     /// Angle between them \[rad\].
     const APART: f64 = 0.05;
-    /// Points of the outline.
-    const OUTLINE: usize = 2000;
-    let mut ranked: Vec<&Found> = found.iter().collect();
-    ranked.sort_by(|a, b| b.proposal.score.value().total_cmp(&a.proposal.score.value()));
-    let mut directions: Vec<&Axis> = Vec::new();
-    for axis in ranked.iter().map(|f| &f.proposal.axis) {
-        if directions.len() < TRIED && directions.iter().all(|known| known.angle_to(axis) > APART) {
-            directions.push(axis);
+    through_middle(&directions(found.iter().collect(), TRIED, APART), surface)
+}
+
+/// The same for directions about which no order was found, but the surface agrees at most angles.
+fn without_order(found: &[Found], surface: &Surface, context: &SearchContext<'_>) -> Vec<Axis> {
+    const TRIED: usize = 6;
+    const APART: f64 = 0.02;
+    /// Score under rotations by any angle.
+    const AGREEING: f64 = 0.5;
+    let has_order = |axis: &Axis| {
+        let mut known = found.iter().filter(|f| f.order.is_some()).map(|f| &f.proposal.axis);
+        known.any(|known| known.angle_to(axis) < APART)
+    };
+    let unknown = found.iter().filter(|f| !has_order(&f.proposal.axis)).collect();
+    let mut axes = through_middle(&directions(unknown, TRIED, APART), surface);
+    let sight = |axis: &Axis| Sight::about(axis, surface, context.visibility);
+    axes.retain(|axis| context.score(surface, axis, Order::Continuous, sight(axis)).value() > AGREEING);
+    axes
+}
+
+/// The axes of the best scores, each in a direction of its own.
+fn directions(mut found: Vec<&Found>, count: usize, apart: f64) -> Vec<&Axis> {
+    found.sort_by(|a, b| b.proposal.score.value().total_cmp(&a.proposal.score.value()));
+    let mut distinct: Vec<&Axis> = Vec::new();
+    for axis in found.into_iter().map(|f| &f.proposal.axis) {
+        if distinct.len() < count && distinct.iter().all(|known| known.angle_to(axis) > apart) {
+            distinct.push(axis);
         }
     }
+    distinct
+}
+
+fn through_middle(axes: &[&Axis], surface: &Surface) -> Vec<Axis> {
+    /// Points of the outline.
+    const OUTLINE: usize = 2000;
     let points = surface.samples.strided(OUTLINE).points;
-    directions.into_iter().map(|axis| Axis { point: outline_center(&points, axis), ..*axis }).collect()
+    axes.iter().map(|axis| Axis { point: outline_center(&points, axis), ..**axis }).collect()
 }
 
 /// Rotations of a group, for comparing groups; those of a surface of revolution are without number.

@@ -1,0 +1,82 @@
+"""Fine teeth, of which no small order tells anything, and details that fit no order."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+import pytest
+
+import sympose
+from solids import cylinder, solid_part
+from sympose.datasets import Part, scan
+
+
+def gear(teeth: int, *, hub: bool) -> Part:
+    """A spur gear of diameter 1 with trapezoidal teeth; with a hub on one side it is not dihedral."""
+    step = 2.0 * np.pi / teeth
+    outline = [
+        (radius * np.cos(angle), radius * np.sin(angle))
+        for k in range(teeth)
+        for radius, share in (
+            (0.5 - 2.2 / teeth, -0.38),
+            (0.5, -0.15),
+            (0.5, 0.15),
+            (0.5 - 2.2 / teeth, 0.38),
+        )
+        for angle in [(k + share) * step]
+    ]
+    solid = manifold3d.CrossSection([np.array(outline)]).extrude(0.14) - cylinder(1.0, 0.08, -0.5)
+    if hub:
+        solid += cylinder(0.12, 0.18, 0.13) - cylinder(1.0, 0.08, -0.5)
+    return solid_part(solid, teeth)
+
+
+def plate(*, recess: bool) -> Part:
+    """A plate with four holes, and a shallow recess that only one of its ends has."""
+    solid = manifold3d.Manifold.cube([0.8, 0.5, 0.12], center=True)
+    for x in (-0.3, 0.3):
+        for y in (-0.17, 0.17):
+            solid -= cylinder(1.0, 0.05, -0.5).translate([x, y, 0.0])
+    solid -= manifold3d.Manifold.cube([0.3, 0.2, 0.05], center=True).translate([0.0, 0.0, 0.06])
+    if recess:
+        solid -= manifold3d.Manifold.cube([0.1, 0.24, 0.06], center=True).translate([0.33, 0.0, 0.06])
+    return solid_part(solid, 1 if recess else 2)
+
+
+@pytest.mark.parametrize(
+    ("teeth", "hub", "seed"), [(37, False, 1), (37, False, 2), (29, True, 1), (41, True, 2)]
+)
+def test_a_gear_has_an_order_of_as_many_as_it_has_teeth(teeth: int, hub: bool, seed: int) -> None:
+    scanned = scan(gear(teeth, hub=hub), "sphere", views=5, seed=seed)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == teeth
+    assert abs(found.pose[:3, 2] @ scanned.axis) > np.cos(np.radians(0.05))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_one_view_of_a_gear_is_right_or_refused_or_doubtful(seed: int) -> None:
+    try:
+        found = sympose.estimate(scan(gear(43, hub=False), "sphere", views=1, seed=seed).scene)
+    except sympose.NoSymmetryError:
+        return
+    assert found.order == 43 or found.score < 0.5
+
+
+def test_teeth_too_fine_for_an_order_are_remarked_on() -> None:
+    found = sympose.estimate(scan(gear(67, hub=True), "sphere", views=5, seed=1).scene)
+    assert found.order == "continuous"
+    assert any("details contradict the order (continuous)" in warning for warning in found.warnings)
+
+
+def test_a_recess_in_one_end_of_a_plate_is_remarked_on() -> None:
+    try:
+        found = sympose.estimate(scan(plate(recess=True), "sphere", views=5, seed=1).scene)
+    except sympose.NoSymmetryError:
+        return
+    assert any("details contradict the order" in warning for warning in found.warnings)
+
+
+def test_a_plate_without_a_recess_has_nothing_to_remark_on() -> None:
+    found = sympose.estimate(scan(plate(recess=False), "sphere", views=5, seed=1).scene)
+    assert found.order == 2
+    assert not any("details" in warning for warning in found.warnings)
