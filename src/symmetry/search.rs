@@ -237,16 +237,16 @@ fn centered(found: &[Found], surface: &Surface) -> Vec<Axis> {
 fn without_order(found: &[Found], surface: &Surface, context: &SearchContext<'_>) -> Vec<Axis> {
     const TRIED: usize = 6;
     const APART: f64 = 0.02;
-    /// Score under rotations by any angle.
-    const AGREEING: f64 = 0.5;
+    /// Share of the surface that agrees at some order, and score under rotations by any angle.
+    const AGREEING: (f64, f64) = (0.7, 0.5);
     let has_order = |axis: &Axis| {
         let mut known = found.iter().filter(|f| f.order.is_some()).map(|f| &f.proposal.axis);
         known.any(|known| known.angle_to(axis) < APART)
     };
-    let unknown = found.iter().filter(|f| !has_order(&f.proposal.axis)).collect();
+    let unknown = found.iter().filter(|f| f.explained > AGREEING.0 && !has_order(&f.proposal.axis)).collect();
     let mut axes = through_middle(&directions(unknown, TRIED, APART), surface);
     let sight = |axis: &Axis| Sight::about(axis, surface, context.visibility);
-    axes.retain(|axis| context.score(surface, axis, Order::Continuous, sight(axis)).value() > AGREEING);
+    axes.retain(|axis| context.score(surface, axis, Order::Continuous, sight(axis)).value() > AGREEING.1);
     axes
 }
 
