@@ -327,6 +327,8 @@ impl<'a> Scene<'a> {
         }
         let mut is_stray = vec![true; grid.points.len()];
         on_surface.iter().for_each(|&voxel| is_stray[voxel as usize] = false);
+        // For each row of the cloud; empty where there is no region beyond the part.
+        let mut is_of_part = Vec::new();
         // Indices of what is left: points of the part, or rows of the cloud; a copy of the points would be the larger half
         // of all memory.
         let left: Vec<u32> = match region {
@@ -336,8 +338,10 @@ impl<'a> Scene<'a> {
             }
             Some(region) => {
                 let mut is_left_out = vec![false; self.cloud.len()];
+                is_of_part = is_left_out.clone();
                 for (&row, &voxel) in self.rows.iter().zip(&grid.inverse) {
                     is_left_out[row as usize] = is_stray[voxel as usize];
+                    is_of_part[row as usize] = !is_stray[voxel as usize];
                 }
                 region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect()
             }
@@ -348,7 +352,8 @@ impl<'a> Scene<'a> {
         };
         let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
         let place_of = |i: usize| self.cloud.viewpoints().place_of(row(i) as usize);
-        Visibility::new(left.len(), point, &self.places, place_of)
+        let is_of_part = |i: usize| is_of_part.is_empty() || is_of_part[left[i] as usize];
+        Visibility::new(left.len(), point, &self.places, place_of, is_of_part)
     }
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of

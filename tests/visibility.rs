@@ -9,7 +9,7 @@ fn plate() -> Visibility {
     let at = |i: i32| f64::from(i) / 200.0;
     let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
     let points: Vec<Vector3<f64>> = lattice.filter(|p| p.x.abs() > 0.1 || p.y.abs() > 0.1).collect();
-    Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0).unwrap()
+    Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0, |_| true).unwrap()
 }
 
 fn seen(place: [f64; 3], normal: Option<[f64; 3]>) -> Seen {

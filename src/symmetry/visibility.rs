@@ -55,13 +55,15 @@ pub struct Visibility {
 
 impl Visibility {
     /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for,
-    /// each seen from the one of `places` that `place_of` numbers. `None` where there is no view with enough points.
+    /// each seen from the one of `places` that `place_of` numbers. `None` where there is no view with enough points. Whether
+    /// returns are lost is judged by the points that `is_of_part` tells: the support reaches beyond the picture of a camera.
     #[must_use]
     pub fn new(
         count: usize,
         point_of: impl Fn(usize) -> Vector3<f64> + Sync,
         places: &[Vector3<f64>],
         place_of: impl Fn(usize) -> usize,
+        is_of_part: impl Fn(usize) -> bool,
     ) -> Option<Self> {
         let mut members: Vec<(&Vector3<f64>, Vec<u32>)> = places.iter().map(|p| (p, Vec::new())).collect();
         for i in 0..count {
@@ -79,11 +81,12 @@ impl Visibility {
         if views.is_empty() {
             return None;
         }
-        if lost_share(&views, count, &point_of) < NO_LOSS {
+        let part: Vec<u32> = (0..count).filter(|&i| is_of_part(i)).map(|i| i as u32).collect();
+        if lost_share(&views, &part, &point_of) < NO_LOSS {
             return Some(Self { views, dropout: 0.0, shows_details: true });
         }
         let mut views = maps(LOSSY_POINTS_PER_CELL);
-        let lost = lost_share(&views, count, &point_of);
+        let lost = lost_share(&views, &part, &point_of);
         let dropout = if lost > EDGES { lost } else { 0.0 };
         if dropout > 0.0 {
             views.par_iter_mut().for_each(|view| view.hide_lost((0..count).map(&point_of)));
@@ -132,15 +135,15 @@ impl Visibility {
     }
 }
 
-/// Returns that are missing for each that came, over some of the points and all views.
+/// Returns that are missing for each that came, over some of the points of the part and all views.
 ///
 /// Nothing is missing in the view that a point comes from, so that one view alone loses nothing.
-fn lost_share(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vector3<f64>) -> f64 {
+fn lost_share(views: &[DepthMap], part: &[u32], point_of: impl Fn(usize) -> Vector3<f64>) -> f64 {
     /// Points that are looked for in every view.
     const LOOKED_AT: usize = 2000;
-    let step = count.div_ceil(LOOKED_AT);
+    let step = part.len().div_ceil(LOOKED_AT).max(1);
     let (mut missing, mut came) = (0.0, 0.0);
-    let points = (0..count).step_by(step).map(point_of);
+    let points = part.iter().step_by(step).map(|&i| point_of(i as usize));
     for (point, view) in points.flat_map(|p| views.iter().map(move |v| (p, v))) {
         let range = (point - view.center).norm();
         let margin = 3.0 * range / view.cells_per_slope;
@@ -151,7 +154,7 @@ fn lost_share(views: &[DepthMap], count: usize, point_of: impl Fn(usize) -> Vect
         }
     }
     // Each point came in its own view, which says nothing.
-    let others = f64::max(came - count.div_ceil(step) as f64, 0.0);
+    let others = f64::max(came - part.len().div_ceil(step) as f64, 0.0);
     if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 

@@ -46,6 +46,13 @@ def test_bolt_holes_give_a_flange_its_order(seed: int) -> None:
     assert sympose.estimate(scan(flange(6), "sphere", views=5, seed=seed).scene).order == 6
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_table_beyond_the_picture_of_a_camera_is_no_lost_return(seed: int) -> None:
+    found = sympose.estimate(scan(flange(6), "table", views=5, seed=seed).scene)
+    assert found.diagnostics["dropout"] == 0.0
+    assert found.order == 6
+
+
 @pytest.mark.parametrize(("part", "order"), [(disc(5), 5), (flange(6), 6)])
 def test_bolt_holes_decide_in_one_view_of_the_face(part: Part, order: int) -> None:
     assert sympose.estimate(scan(part, "upper", views=1, seed=4).scene).order == order
