@@ -18,6 +18,9 @@ const POINTS_PER_CELL: f64 = 2.0;
 /// The same where returns are lost.
 const LOSSY_POINTS_PER_CELL: f64 = 4.0;
 
+/// Points of the part that are looked for in every view.
+const LOOKED_AT: usize = 2000;
+
 /// Returns missing for each that came, below which the sensor loses none.
 const NO_LOSS: f64 = 0.01;
 
@@ -81,12 +84,14 @@ impl Visibility {
         if views.is_empty() {
             return None;
         }
-        let part: Vec<u32> = (0..count).filter(|&i| is_of_part(i)).map(|i| i as u32).collect();
-        if lost_share(&views, &part, &point_of) < NO_LOSS {
+        let own = || (0..count).filter(|&i| is_of_part(i));
+        let step = own().count().div_ceil(LOOKED_AT).max(1);
+        let part: Vec<Vector3<f64>> = own().step_by(step).map(&point_of).collect();
+        if lost_share(&views, &part) < NO_LOSS {
             return Some(Self { views, dropout: 0.0, shows_details: true });
         }
         let mut views = maps(LOSSY_POINTS_PER_CELL);
-        let lost = lost_share(&views, &part, &point_of);
+        let lost = lost_share(&views, &part);
         let dropout = if lost > EDGES { lost } else { 0.0 };
         if dropout > 0.0 {
             views.par_iter_mut().for_each(|view| view.hide_lost((0..count).map(&point_of)));
@@ -138,23 +143,19 @@ impl Visibility {
 /// Returns that are missing for each that came, over some of the points of the part and all views.
 ///
 /// Nothing is missing in the view that a point comes from, so that one view alone loses nothing.
-fn lost_share(views: &[DepthMap], part: &[u32], point_of: impl Fn(usize) -> Vector3<f64>) -> f64 {
-    /// Points that are looked for in every view.
-    const LOOKED_AT: usize = 2000;
-    let step = part.len().div_ceil(LOOKED_AT).max(1);
+fn lost_share(views: &[DepthMap], part: &[Vector3<f64>]) -> f64 {
     let (mut missing, mut came) = (0.0, 0.0);
-    let points = part.iter().step_by(step).map(|&i| point_of(i as usize));
-    for (point, view) in points.flat_map(|p| views.iter().map(move |v| (p, v))) {
+    for (point, view) in part.iter().flat_map(|p| views.iter().map(move |v| (p, v))) {
         let range = (point - view.center).norm();
         let margin = 3.0 * range / view.cells_per_slope;
-        match view.at(&point) {
+        match view.at(point) {
             Some(cell) if cell.nearest.is_infinite() => missing += 1.0,
             Some(cell) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,
             _ => {}
         }
     }
     // Each point came in its own view, which says nothing.
-    let others = f64::max(came - part.len().div_ceil(step) as f64, 0.0);
+    let others = f64::max(came - part.len() as f64, 0.0);
     if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
