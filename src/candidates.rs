@@ -139,9 +139,8 @@ impl Estimator {
         let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
         if let Some(order) = detection.order.filter(|_| shows_details) {
             detection.details = contradicting_details(surface, axis, gate, sight, order, &params);
-            if let Some(Details::OfOrder(part)) = detection.details {
-                detection.order = Some(Order::Cyclic(part));
-                detection.rest = Some(order);
+            if let Some(Details::OfOrder { order, .. }) = detection.details {
+                detection.order = Some(Order::Cyclic(order));
             }
         }
         detection

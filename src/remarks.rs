@@ -40,7 +40,7 @@ pub(crate) fn remarks(
     let revolves = revolution(detection).filter(|_| found && !prepared.outward);
     let rival = detection.rival.filter(|_| found).map(rival);
     let fine = too_fine(detection).filter(|_| one_view);
-    let misfits = misfits(detection).filter(|_| fine.is_none());
+    let details = details(detection).filter(|_| fine.is_none());
     let ambiguity = aside.or(half).or(revolves).or(rival).or(fine);
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(chosen, candidates, &likeness));
@@ -52,8 +52,7 @@ pub(crate) fn remarks(
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
-        warnings.extend(detection.rest.map(details));
-        warnings.extend(misfits);
+        warnings.extend(details);
     }
     Remarks { warnings, ambiguous, doubted }
 }
@@ -159,17 +158,16 @@ fn unseen_sector(width: f64) -> String {
     )
 }
 
-/// Says so when small details decide the order.
-fn details(rest: Order) -> String {
-    format!("small details decide the order: without them it would be {rest}")
-}
-
-/// Says so when details have no part in the symmetry of the rest.
-fn misfits(detection: &Detection) -> Option<String> {
-    let order = detection.order.filter(|_| detection.details == Some(Details::OfNone))?;
-    Some(format!(
-        "details contradict the order ({order}) of all the rest and every part of it: they have another one, or none"
-    ))
+/// Says so when details contradict the order of all the rest: when they decide it, and when they have no part in it.
+fn details(detection: &Detection) -> Option<String> {
+    Some(match (detection.details?, detection.order?) {
+        (Details::OfOrder { rest, .. }, _) => {
+            format!("small details decide the order: without them it would be {rest}")
+        }
+        (Details::OfNone, order) => format!(
+            "details contradict the order ({order}) of all the rest and every part of it: they have another one, or none"
+        ),
+    })
 }
 
 /// Says so when one view shows that a surface of revolution has details, but not how they repeat: the teeth of a gear.

@@ -19,9 +19,14 @@ use crate::symmetry::sweep::{Sweep, Tally, fraction};
 
 /// Details that contradict the group that holds for all the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Details {
-    /// This part of the group holds for them, too.
-    OfOrder(u32),
+pub enum Details {
+    /// A part of the group holds for them, too.
+    OfOrder {
+        /// The order of that part.
+        order: u32,
+        /// The larger one of all but these details.
+        rest: Order,
+    },
     /// None does: a recess in one end of a plate, or teeth that are finer than the orders that are looked for.
     OfNone,
 }
@@ -103,7 +108,7 @@ pub(crate) fn contradicting_details(
         .map(|(part, evidence)| (part, evidence.sum.share_against()))
         .collect();
     match largest_group(&holding) {
-        Some((part, _)) => Some(Details::OfOrder(part)),
+        Some((part, _)) => Some(Details::OfOrder { order: part, rest: order }),
         None => (share > MISFIT.0 && against.against() > MISFIT.1).then_some(Details::OfNone),
     }
 }

@@ -90,10 +90,8 @@ impl DetectParams {
 pub struct Detection {
     /// The order, or `None` when no rotation maps the part to itself.
     pub order: Option<Order>,
-    /// The larger group of all but some details of the part, where these have only part of it.
-    pub rest: Option<Order>,
-    /// Details that contradict the larger group.
-    pub(crate) details: Option<Details>,
+    /// Details that contradict the order of all the rest.
+    pub details: Option<Details>,
     /// Beside a discrete order another one that the data supports as well.
     pub rival: Option<u32>,
     /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
@@ -161,7 +159,6 @@ pub fn detect_order(
     let share = structured.len() as f64 / everything.len().max(1) as f64;
     let mut detection = Detection {
         order: Some(Order::Continuous),
-        rest: None,
         details: None,
         rival: None,
         explained: 1.0 - generic_all,
@@ -286,7 +283,6 @@ mod tests {
     fn a_larger_group_allows_its_parts() {
         let detection = |order, largest: usize| Detection {
             order,
-            rest: None,
             details: None,
             rival: None,
             explained: 1.0,

@@ -67,6 +67,7 @@ impl SearchContext<'_> {
         match_score(surface, &surface.samples.strided(JUDGED), axis, &turns, self.gate, sight)
     }
 
+    /// Whether an axis need not be asked since one so near to it was.
     fn is_same(&self, known: &Axis, other: &Axis) -> bool {
         known.angle_to(other) < 0.02 && known.distance(&other.point) < 0.01 * self.diameter
     }
@@ -262,6 +263,7 @@ fn directions(mut found: Vec<&Found>, count: usize, apart: f64) -> Vec<&Axis> {
     distinct
 }
 
+/// Lines in the directions of some axes, through the middle of the outline along each.
 fn through_middle(axes: &[&Axis], surface: &Surface) -> Vec<Axis> {
     /// Points of the outline.
     const OUTLINE: usize = 2000;
