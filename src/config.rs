@@ -250,6 +250,7 @@ impl Config {
             },
             smoothing: SmoothingParams {
                 join_layers: false,
+                ray_neighbors: 0,
                 max_neighbors: 0,
                 max_angle: None,
                 ..SmoothingParams::default()
@@ -272,6 +273,7 @@ impl Config {
         let limits = [
             ("outliers.scattered", scattered),
             ("outliers.off_surface", off_surface),
+            ("smoothing.ray_noise", Some(self.smoothing.ray_noise)),
             ("smoothing.max_tilt", Some(self.smoothing.max_tilt)),
             ("smoothing.max_angle", self.smoothing.max_angle),
         ];

@@ -75,6 +75,7 @@ pub mod reference;
 mod remarks;
 mod resolution;
 pub mod result;
+mod scene;
 pub mod schema;
 pub mod spatial;
 mod stages;

@@ -1,30 +1,24 @@
 //! From the raw cloud to the surface of the part: region, frame, ground, voxels, outliers, cluster, normals.
 
-use std::borrow::Cow;
-
-use nalgebra::{Isometry3, Point3, Vector3};
-use rayon::prelude::*;
+use nalgebra::{Isometry3, Vector3};
 
 use crate::clean::{of_part, on_surfaces};
 use crate::cloud::PointCloud;
 use crate::config::{ClusterMode, Config, NonFinite, OutlierParams, TrackingParams};
 use crate::error::{Error, Result};
-use crate::frames::principal_frame;
 use crate::preprocess::{
-    CHUNK, ClusterParams, Ground, GroundParams, KNeighbors, NormalParams, Sides, VoxelGrid, enough_neighbors,
-    find_ground, main_cluster, mean_heights, normals_from_neighbors, separate_sides, single_viewpoint,
+    Ground, GroundParams, KNeighbors, Layers, NormalParams, Sides, SmoothingParams, enough_neighbors,
+    find_ground, mean_heights, means, normals_from_neighbors, separate_sides, single_viewpoint,
     voxel_downsample, voxel_layers,
 };
 use crate::resolution::{COARSE, FINE, LAYERED, default_voxel, sparseness, width};
+use crate::scene::{Scene, enough};
 use crate::spatial::KdTree;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::visibility::Visibility;
-
-/// Fewest points of a surface in which an axis is looked for.
-const MIN_POINTS: usize = 50;
 
 /// The surface of the part in a frame that turns with the data, and where it came from.
 pub(crate) struct Prepared {
@@ -126,11 +120,26 @@ pub(crate) fn prepare(
             default_voxel(&part.points, diameter, resolution.coarser(coarsening))?
         }
     };
+    // The points as they were measured, where those of the part are averaged along their rays.
+    let mut measured = None;
     let grid = if layered {
-        voxel_layers(&part.points, |i| part.viewpoint(i).unwrap_or_default(), voxel_size)?
+        let layers =
+            |part: &Scene| voxel_layers(&part.points, |i| part.viewpoint(i).unwrap_or_default(), voxel_size);
+        let SmoothingParams { ray_noise, ray_neighbors, .. } = config.smoothing;
+        let Layers { grid, noise } = layers(&part)?;
+        stages.number("noise", noise);
+        if outward && ray_neighbors > 0 && noise > ray_noise * diameter {
+            stages.check()?;
+            let smooth = part.smoothed_along_rays(ray_neighbors)?;
+            measured = Some(std::mem::replace(&mut part.points, smooth));
+            layers(&part)?.grid
+        } else {
+            grid
+        }
     } else {
         voxel_downsample(&part.points, voxel_size)?
     };
+    stages.flag("smoothed_along_rays", measured.is_some());
     stages.number("voxel_size", voxel_size);
     stages.number("voxel_points", grid.points.len() as f64);
     enough("downsample", grid.points.len())?;
@@ -215,8 +224,12 @@ pub(crate) fn prepare(
     }
     let pick =
         |rows: &[[f64; 3]]| chosen.iter().map(|&i| Vector3::from(rows[i as usize])).collect::<Vec<_>>();
-    let measured = pick(&sides.points);
-    let mut samples = Samples { points: measured.clone(), normals: pick(&sides.normals) };
+    let points = pick(&sides.points);
+    let measured = match measured {
+        Some(measured) => pick(&means(&measured, &sides.patch_of_point, sides.points.len()).0),
+        None => points.clone(),
+    };
+    let mut samples = Samples { points, normals: pick(&sides.normals) };
     let mut heights: Vec<f64> =
         chosen.iter().filter_map(|&patch| heights.get(patch as usize).copied()).collect();
     if k > least {
@@ -248,183 +261,6 @@ pub(crate) fn prepare(
         outward,
         toward_sensors,
     })
-}
-
-/// The points within the region of interest, in a frame that turns with them.
-struct Scene<'a> {
-    cloud: &'a PointCloud,
-    /// Frame of the cloud from that of the points, and back.
-    frame: Isometry3<f64>,
-    inverse: Isometry3<f64>,
-    /// Where the sensor stood.
-    places: Vec<Vector3<f64>>,
-    points: Vec<[f64; 3]>,
-    /// Row of each point in the cloud.
-    rows: Vec<u32>,
-    normals: Option<Vec<[f64; 3]>>,
-}
-
-impl<'a> Scene<'a> {
-    /// Crops and turns into the principal frame, so that the result does not depend on how the world frame lies: the
-    /// voxel grid and the starting directions turn with the data.
-    fn new(cloud: &'a PointCloud, config: &Config) -> Result<Self> {
-        let all = cloud.local_points();
-        let rows = match config.roi {
-            None => (0..all.len() as u32).collect(),
-            Some(corners) => {
-                within(all, corners.map(|corner| Vector3::from(corner) - Vector3::from(cloud.origin())))
-            }
-        };
-        if rows.is_empty() {
-            return Err(Error::InsufficientData {
-                stage: "region of interest",
-                needed: MIN_POINTS,
-                got: 0,
-                hint: "no point lies inside; check the corners and their unit",
-            });
-        }
-        enough("input", rows.len())?;
-        let cropped: Cow<[[f64; 3]]> = match config.roi {
-            None => all.into(),
-            Some(_) => rows.iter().map(|&i| all[i as usize]).collect(),
-        };
-        let frame = principal_frame(&cropped)?;
-        let turn = frame.rotation.inverse();
-        let normals = cloud.normals().map(|normals| {
-            rows.iter().map(|&i| (turn * Vector3::from(normals[i as usize])).into()).collect()
-        });
-        let mut scene = Self {
-            cloud,
-            frame,
-            inverse: frame.inverse(),
-            places: Vec::new(),
-            points: Vec::new(),
-            rows,
-            normals,
-        };
-        scene.points = cropped.par_iter().with_min_len(CHUNK).map(|p| scene.local(*p)).collect();
-        scene.places = cloud.viewpoints().places.iter().map(|place| scene.local(*place).into()).collect();
-        Ok(scene)
-    }
-
-    /// Turns a point of the cloud into the frame of the scene.
-    fn local(&self, point: [f64; 3]) -> [f64; 3] {
-        (self.inverse * Point3::from(point)).coords.into()
-    }
-
-    /// The position that point `i` was seen from, where the cloud has such.
-    fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
-        let place = self.cloud.viewpoints().place_of(self.rows[i] as usize);
-        self.places.get(place).map(|place| (*place).into())
-    }
-
-    /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part
-    /// where it is `None`, but not to those of the part whose voxel is none of `on_surface`: strays would hide the empty
-    /// space behind them. `None` without viewpoints.
-    fn sight(&self, region: Option<&[u32]>, grid: &VoxelGrid, on_surface: &[u32]) -> Option<Visibility> {
-        if !self.cloud.has_viewpoints() {
-            return None;
-        }
-        let mut is_stray = vec![true; grid.points.len()];
-        on_surface.iter().for_each(|&voxel| is_stray[voxel as usize] = false);
-        // For each row of the cloud; empty where there is no region beyond the part.
-        let mut is_of_part = Vec::new();
-        // Indices of what is left: points of the part, or rows of the cloud; a copy of the points would be the larger half
-        // of all memory.
-        let left: Vec<u32> = match region {
-            None => {
-                let own = (0_u32..).zip(&grid.inverse);
-                own.filter(|(_, voxel)| !is_stray[**voxel as usize]).map(|(i, _)| i).collect()
-            }
-            Some(region) => {
-                let mut is_left_out = vec![false; self.cloud.len()];
-                is_of_part = is_left_out.clone();
-                for (&row, &voxel) in self.rows.iter().zip(&grid.inverse) {
-                    is_left_out[row as usize] = is_stray[voxel as usize];
-                    is_of_part[row as usize] = !is_stray[voxel as usize];
-                }
-                region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect()
-            }
-        };
-        let point = |i: usize| match region {
-            None => self.points[left[i] as usize].into(),
-            Some(_) => self.local(self.cloud.local_points()[left[i] as usize]).into(),
-        };
-        let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
-        let place_of = |i: usize| self.cloud.viewpoints().place_of(row(i) as usize);
-        let is_of_part = |i: usize| is_of_part.is_empty() || is_of_part[left[i] as usize];
-        Visibility::new(left.len(), point, &self.places, place_of, is_of_part)
-    }
-
-    /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
-    /// that thing itself, which is found by looking again at what the last look has left.
-    fn isolated(mut self, params: &OutlierParams) -> Result<Self> {
-        const LOOKS: usize = 4;
-        for _ in 0..LOOKS {
-            if self.points.len() < MIN_POINTS {
-                break;
-            }
-            let diameter = width(&self.points);
-            let distance = 0.5 * params.cluster_distance * diameter;
-            let coarse = voxel_downsample(&self.points, (0.25 * distance).max(f64::MIN_POSITIVE))?;
-            let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
-            let belongs = |i: &u32| clusters.labels[coarse.inverse[*i as usize] as usize] == 0;
-            let kept: Vec<u32> = (0..self.points.len() as u32).filter(belongs).collect();
-            self = self.select(&kept);
-            if width(&self.points) > 0.9 * diameter {
-                break;
-            }
-        }
-        Ok(self)
-    }
-
-    /// Every so manieth point where there are more than `most`, and as thin a `region` around: the depth maps count on
-    /// points that are as dense everywhere.
-    fn thinned(self, most: usize, region: &mut Option<Vec<u32>>) -> Self {
-        let step = self.points.len().div_ceil(most);
-        if step <= 1 {
-            return self;
-        }
-        if let Some(rows) = region {
-            let mut is_kept = vec![None; self.cloud.len()];
-            for (i, &row) in self.rows.iter().enumerate() {
-                is_kept[row as usize] = Some(i % step == 0);
-            }
-            let mut others = 0;
-            rows.retain(|&row| {
-                is_kept[row as usize].unwrap_or_else(|| {
-                    others += 1;
-                    others % step == 0
-                })
-            });
-        }
-        let kept: Vec<u32> = (0..self.points.len() as u32).step_by(step).collect();
-        self.select(&kept)
-    }
-
-    fn select(self, kept: &[u32]) -> Self {
-        let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
-        Self {
-            points: pick(&self.points),
-            rows: kept.iter().map(|&i| self.rows[i as usize]).collect(),
-            normals: self.normals.as_deref().map(pick),
-            ..self
-        }
-    }
-}
-
-fn enough(stage: &'static str, got: usize) -> Result<()> {
-    if got >= MIN_POINTS {
-        return Ok(());
-    }
-    let hint = "scan the part more densely, choose a smaller voxel, or loosen the filter of this stage";
-    Err(Error::InsufficientData { stage, needed: MIN_POINTS, got, hint })
-}
-
-/// Rows of the points in a box, ascending.
-fn within(points: &[[f64; 3]], [lower, upper]: [Vector3<f64>; 2]) -> Vec<u32> {
-    let inside = |p: &[f64; 3]| (0..3).all(|i| (lower[i]..=upper[i]).contains(&p[i]));
-    (0_u32..).zip(points).filter(|(_, p)| inside(p)).map(|(i, _)| i).collect()
 }
 
 /// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.

@@ -27,6 +27,15 @@ const REACH: f64 = 3.0;
 /// The same, at most.
 const FARTHEST: f64 = 4.0;
 
+/// A voxel grid with one layer for each surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layers {
+    /// The grid.
+    pub grid: VoxelGrid,
+    /// Standard deviation of the points about the surface, by noise and by what is finer than a few voxels \[length\].
+    pub noise: f64,
+}
+
 /// [`voxel_downsample`](super::voxel_downsample), with the voxels joined that hold one surface in several layers.
 ///
 /// How far apart the layers of one surface lie follows from the noise, which is looked at apart for each side of a wall:
@@ -40,7 +49,7 @@ const FARTHEST: f64 = 4.0;
 ///     .map(|i| [0.25 * f64::from(i % 40), 0.25 * f64::from(i / 40), 0.3 * f64::from(i % 3)])
 ///     .collect();
 /// assert_eq!(voxel_downsample(&points, 1.0)?.points.len(), 242);
-/// assert_eq!(voxel_layers(&points, |_| [5.0, 5.0, 50.0], 1.0)?.points.len(), 121);
+/// assert_eq!(voxel_layers(&points, |_| [5.0, 5.0, 50.0], 1.0)?.grid.points.len(), 121);
 /// # Ok::<(), sympose::Error>(())
 /// ```
 ///
@@ -50,12 +59,12 @@ pub fn voxel_layers(
     points: &[[f64; 3]],
     viewpoint_of: impl Fn(usize) -> [f64; 3] + Sync,
     voxel_size: f64,
-) -> Result<VoxelGrid> {
+) -> Result<Layers> {
     let grid = Grid::new(points, voxel_size, "voxel_size")?;
     let (centers, counts) = means(points, &grid.cell_of, grid.len);
     let blocks = Blocks::new(&centers, &counts, voxel_size)?;
-    let spread = blocks.spread(points, &grid.cell_of, viewpoint_of);
-    let reach = (REACH * spread / voxel_size).round().clamp(1.0, FARTHEST) as i64;
+    let noise = blocks.spread(points, &grid.cell_of, viewpoint_of);
+    let reach = (REACH * noise / voxel_size).round().clamp(1.0, FARTHEST) as i64;
     let axes: Vec<usize> = blocks.normals.iter().map(Vector3::iamax).collect();
     let fullness = |voxel: u32| (counts[voxel as usize], Reverse(voxel));
     let fullest_beside = |voxel: usize| {
@@ -92,7 +101,7 @@ pub fn voxel_layers(
     inverse.par_iter_mut().with_min_len(CHUNK).for_each(|cell| *cell = column_of[*cell as usize]);
     let mean = |(sum, count): ([f64; 3], u32)| (sum.map(|x| x / f64::from(count)), count);
     let (points, counts) = sums.into_iter().map(mean).unzip();
-    Ok(VoxelGrid { points, counts, inverse })
+    Ok(Layers { grid: VoxelGrid { points, counts, inverse }, noise })
 }
 
 /// Normal of the plane through some points, and their standard deviation about it.

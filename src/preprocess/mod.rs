@@ -24,6 +24,7 @@ mod normals;
 pub(crate) mod outline;
 mod plane;
 mod radius;
+mod rays;
 mod search;
 mod sides;
 mod smooth;
@@ -37,17 +38,18 @@ use crate::error::{Error, Result};
 
 pub use cluster::{ClusterParams, Clusters, main_cluster};
 pub use ground::{Ground, GroundParams, find_ground};
-pub use layers::voxel_layers;
+pub use layers::{Layers, voxel_layers};
 pub use neighbors::{KNeighbors, median_spacing};
 pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbors, orient_normals};
 pub use plane::{Plane, PlaneParams, segment_plane};
 pub use radius::{RadiusParams, remove_radius_outliers};
+pub use rays::smooth_along_rays;
 pub use sides::{Sides, separate_sides};
 pub use smooth::{SmoothingParams, enough_neighbors, mean_heights};
 pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};
 pub use viewpoint::single_viewpoint;
-pub(crate) use voxel::occupied_voxels;
 pub use voxel::{VoxelGrid, voxel_downsample};
+pub(crate) use voxel::{means, occupied_voxels};
 
 /// Points that one task handles; fixed, so that sums do not depend on the number of threads.
 pub(crate) const CHUNK: usize = 4096;

@@ -19,6 +19,11 @@ pub struct SmoothingParams {
     /// Where no viewpoint is given, assumes one view if all of the surface can be seen from one place. It tells the sides of
     /// walls apart, and that a rotated point which is turned away would not have been seen; nothing else.
     pub assume_view: bool,
+    /// Standard deviation of the points about the surface from which on they are averaged along the rays of their sensor
+    /// before all else, where viewpoints are given and layers are joined \[diameters\].
+    pub ray_noise: f64,
+    /// Rays, its own among them, among which a point is averaged then \[count\]; 0: none is.
+    pub ray_neighbors: usize,
     /// Neighbours of a local plane where noise is large, at most \[count\]; where it is small, those of the normals do.
     pub max_neighbors: usize,
     /// Tilt of a typical local plane by noise that calls for more neighbours \[rad\].
@@ -34,6 +39,8 @@ impl Default for SmoothingParams {
         Self {
             join_layers: true,
             assume_view: true,
+            ray_noise: 0.0023,
+            ray_neighbors: 9,
             max_neighbors: 90,
             max_tilt: 0.08,
             max_angle: Some(0.15),

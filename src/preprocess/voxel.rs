@@ -63,7 +63,7 @@ pub(crate) fn occupied_voxels(points: &[[f64; 3]], voxel_size: f64) -> Result<us
 }
 
 /// Mean and number of the values of each cell, summed in input order.
-pub(super) fn means(values: &[[f64; 3]], cell_of: &[u32], cells: usize) -> (Vec<[f64; 3]>, Vec<u32>) {
+pub(crate) fn means(values: &[[f64; 3]], cell_of: &[u32], cells: usize) -> (Vec<[f64; 3]>, Vec<u32>) {
     // Each task owns a range of cells and passes over all values; that needs neither sorting nor partial sums, and
     // the order of every sum is that of the input.
     let tasks = rayon::current_num_threads().clamp(1, 8);

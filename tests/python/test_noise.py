@@ -15,7 +15,7 @@ def test_refined_points_are_nearer_to_the_surface(sigma: float, share: float) ->
     wheel = part("wheel_hub_5")
     scanned = scan(wheel, "sphere", views=5, seed=1, sigma=sigma)
     smooth = point_errors(wheel, scanned, sympose.estimate(scanned.scene, order=5))
-    config = sympose.Config(smoothing={"max_angle": None})
+    config = sympose.Config(smoothing={"max_angle": None, "ray_neighbors": 0})
     rough = point_errors(wheel, scanned, sympose.estimate(scanned.scene, order=5, config=config))
     assert smooth is not None and rough is not None
     assert smooth.refined < share * smooth.raw
@@ -38,6 +38,27 @@ def test_the_order_is_found_in_five_times_the_noise(seed: int) -> None:
     found = sympose.estimate(scanned.scene)
     assert found.order == 7
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.3))
+
+
+@pytest.mark.parametrize(
+    ("name", "limit_deg"), [("propeller_2", 0.3), ("propeller_3", 0.04), ("impeller_7", 0.02)]
+)
+def test_blades_as_thin_as_the_noise_do_not_tilt_the_axis(name: str, limit_deg: float) -> None:
+    scanned = scan(part(name), "sphere", views=5, seed=1, sigma=0.005)
+    found = sympose.estimate(scanned.scene, order=part(name).order)
+    assert found.diagnostics["smoothed_along_rays"] is True
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(limit_deg))
+    # Without it each of these axes is farther off.
+    config = sympose.Config(smoothing={"ray_neighbors": 0})
+    rough = sympose.estimate(scanned.scene, order=part(name).order, config=config)
+    assert rough.diagnostics["smoothed_along_rays"] is False
+    assert abs(rough.axis @ scanned.axis) < np.cos(np.radians(limit_deg))
+
+
+def test_little_noise_is_left_to_the_voxels() -> None:
+    scanned = scan(part("propeller_3"), "sphere", views=5, seed=1)
+    found = sympose.estimate(scanned.scene, order=3)
+    assert found.diagnostics["smoothed_along_rays"] is False
 
 
 def test_one_layer_of_points_gives_the_same_pose() -> None:

@@ -1,0 +1,195 @@
+//! Noise of depth lies along the rays of a sensor, and is averaged there: among rays that are neighbours in its picture.
+//!
+//! Neighbours in space are chosen by their noise as well. Seen obliquely, noise carries points beyond the edge of a blade,
+//! and only those that it also raised, so that their mean bends up there. In the picture every point is where its ray is.
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use rayon::prelude::*;
+
+use super::check_finite;
+use super::neighbors::map_neighbors;
+use crate::error::Result;
+use crate::median::median;
+use crate::spatial::{KdTree, Neighbor};
+
+/// Least points of a view that is smoothed; fewer say too little of their noise \[neighbours\].
+const ENOUGH: usize = 8;
+
+/// Where Tukey's biweight ends [standard deviations of the noise].
+const BIWEIGHT: f64 = 3.5;
+
+/// How far a point is moved at most; one beyond is no noise but something else [standard deviations of the noise].
+const FARTHEST: f64 = 4.0;
+
+/// Rounds in which the weights of a plane are found.
+const ROUNDS: usize = 3;
+
+/// Moves each point along its ray onto the plane of the `k` nearest rays of its view, its own among them, as far as they
+/// met one surface.
+///
+/// `places` are the positions of the sensor \[length\]; `place_of` gives for each point the one it was seen from. Points
+/// farther off than noise, those amid rays that met nothing but other surfaces, and those of views with few points stay
+/// where they are.
+///
+/// ```
+/// use sympose::preprocess::smooth_along_rays;
+/// // A rough plate under a sensor.
+/// let at = |i: u32| [0.1 * f64::from(i % 40) - 2.0, 0.1 * f64::from(i / 40) - 2.0, 0.01 * f64::from(i * i % 7)];
+/// let points: Vec<[f64; 3]> = (0..1600).map(at).collect();
+/// let smooth = smooth_along_rays(&points, &[[0.0, 0.0, 5.0]], |_| 0, 9)?;
+/// let roughness = |points: &[[f64; 3]]| points.iter().map(|[_, _, z]| (z - 0.02).powi(2)).sum::<f64>();
+/// assert!(roughness(&smooth) < 0.3 * roughness(&points));
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) when `k` is 0,
+/// [`Error::NonFinite`](crate::Error::NonFinite).
+pub fn smooth_along_rays(
+    points: &[[f64; 3]],
+    places: &[[f64; 3]],
+    place_of: impl Fn(usize) -> usize,
+    k: usize,
+) -> Result<Vec<[f64; 3]>> {
+    check_finite(points)?;
+    let mut rows_of_place = vec![Vec::new(); places.len()];
+    for i in 0..points.len() {
+        rows_of_place[place_of(i)].push(i);
+    }
+    let mut smooth = points.to_vec();
+    for (place, rows) in places.iter().zip(rows_of_place) {
+        let place = Vector3::from(*place);
+        let (rows, seen): (Vec<usize>, Vec<Vector3<f64>>) = rows
+            .into_iter()
+            .map(|i| (i, Vector3::from(points[i]) - place))
+            .filter(|(_, seen)| seen.norm().recip().is_finite())
+            .unzip();
+        if seen.len() < ENOUGH * k.max(1) {
+            continue;
+        }
+        let view = View::new(&seen)?;
+        let noise = view.noise(k);
+        let depths = map_neighbors(&view.tree, &view.rays, k, |i, found| view.smoothed(i, found, noise))?;
+        for ((row, ray), depth) in rows.into_iter().zip(&view.rays).zip(depths) {
+            if let Some(depth) = depth {
+                smooth[row] = (place + Vector3::from(*ray) * depth).into();
+            }
+        }
+    }
+    Ok(smooth)
+}
+
+/// The points of one view, as a picture.
+struct View {
+    /// Unit directions in which the points were seen.
+    rays: Vec<[f64; 3]>,
+    tree: KdTree,
+    /// Inverse of the distance of each point, which over a picture is linear where the surface is a plane [1 / length].
+    inverse: Vec<f64>,
+}
+
+/// A ray beside another one.
+struct Beside {
+    /// Where it meets the plane at distance 1 that the other ray is normal to.
+    at: Vector2<f64>,
+    /// Inverse of the depth along the other ray [1 / length].
+    inverse: f64,
+    weight: f64,
+}
+
+impl View {
+    fn new(seen: &[Vector3<f64>]) -> Result<Self> {
+        let inverse: Vec<f64> = seen.iter().map(|p| p.norm().recip()).collect();
+        let rays: Vec<[f64; 3]> =
+            seen.iter().zip(&inverse).map(|(p, inverse)| (p * *inverse).into()).collect();
+        Ok(Self { tree: KdTree::new(&rays)?, rays, inverse })
+    }
+
+    /// Standard deviation of the inverse distances about the planes of `k` rays [1 / length].
+    fn noise(&self, k: usize) -> f64 {
+        /// Rays that are looked at.
+        const LOOKED_AT: usize = 2000;
+        /// Median of the absolute values to the standard deviation of a normal distribution.
+        const DEVIATION: f64 = 1.4826;
+        let step = self.rays.len().div_ceil(LOOKED_AT).max(1);
+        let around: Vec<(usize, Vec<Neighbor>)> = (0..self.rays.len())
+            .into_par_iter()
+            .step_by(step)
+            .map(|i| (i, self.tree.k_nearest(&self.rays[i], k)))
+            .collect();
+        let residual = |&(i, ref found): &(usize, Vec<Neighbor>), noise: f64| {
+            let mut beside = self.beside(i, found);
+            let (inverse, slope) = plane(&mut beside, self.inverse[i], noise)?;
+            let mut off: Vec<f64> =
+                beside.iter().map(|ray| (ray.inverse - inverse - slope.dot(&ray.at)).abs()).collect();
+            median(&mut off)
+        };
+        // The plane takes three of the degrees of freedom.
+        let freedom = (k as f64 / (k as f64 - 3.0).max(1.0)).sqrt();
+        (0..ROUNDS).fold(f64::INFINITY, |noise, _| {
+            let mut residuals: Vec<f64> =
+                around.par_iter().filter_map(|looked| residual(looked, noise)).collect();
+            DEVIATION * freedom * median(&mut residuals).unwrap_or(0.0)
+        })
+    }
+
+    /// Rays beside the ray `i`.
+    fn beside(&self, i: usize, found: &[Neighbor]) -> Vec<Beside> {
+        let ahead = Vector3::from(self.rays[i]);
+        let right = ahead.cross(&Vector3::ith(ahead.iamin(), 1.0)).normalize();
+        let down = ahead.cross(&right);
+        let beside = |neighbor: &Neighbor| {
+            let ray = Vector3::from(self.rays[neighbor.index as usize]);
+            let cosine = ray.dot(&ahead);
+            Beside {
+                at: Vector2::new(ray.dot(&right), ray.dot(&down)) / cosine,
+                inverse: self.inverse[neighbor.index as usize] / cosine,
+                weight: 1.0,
+            }
+        };
+        found.iter().map(beside).filter(|ray| ray.inverse.is_finite() && ray.inverse > 0.0).collect()
+    }
+
+    /// Distance of the plane of the rays `found` along the ray `i` among them \[length\]; `None` where its own point is not
+    /// of that plane.
+    fn smoothed(&self, i: usize, found: &[Neighbor], noise: f64) -> Option<f64> {
+        let (inverse, _) = plane(&mut self.beside(i, found), self.inverse[i], noise)?;
+        let is_of_plane = inverse > 0.0 && (inverse - self.inverse[i]).abs() <= FARTHEST * noise;
+        is_of_plane.then(|| inverse.recip())
+    }
+}
+
+/// The plane of those rays that agree with `start`, and then with one another: inverse of its depth ahead, and how that
+/// changes across the picture. `None` where they lie on a line.
+fn plane(rays: &mut [Beside], start: f64, noise: f64) -> Option<(f64, Vector2<f64>)> {
+    /// Least area of the ellipse that the rays spread over [that of a circle].
+    const FLATTEST: f64 = 0.004;
+    let mut plane = (start, Vector2::zeros());
+    for _ in 0..ROUNDS {
+        let (inverse, slope) = plane;
+        let (mut weight, mut at, mut depth) = (0.0, Vector2::zeros(), 0.0);
+        for ray in rays.iter_mut() {
+            let off = (ray.inverse - inverse - slope.dot(&ray.at)) / (BIWEIGHT * noise);
+            ray.weight = (1.0 - off * off).max(0.0).powi(2);
+            weight += ray.weight;
+            at += ray.at * ray.weight;
+            depth += ray.inverse * ray.weight;
+        }
+        if weight <= 0.0 {
+            return None;
+        }
+        let (at, depth) = (at / weight, depth / weight);
+        let (mut scatter, mut moment) = (Matrix2::zeros(), Vector2::zeros());
+        for ray in rays.iter() {
+            let off = ray.at - at;
+            scatter += off * off.transpose() * ray.weight;
+            moment += off * ((ray.inverse - depth) * ray.weight);
+        }
+        if scatter.determinant() <= FLATTEST * 0.25 * scatter.trace().powi(2) {
+            return None;
+        }
+        let slope = scatter.try_inverse()? * moment;
+        plane = (depth - slope.dot(&at), slope);
+    }
+    Some(plane)
+}
