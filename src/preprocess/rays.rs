@@ -27,9 +27,9 @@ const ROUNDS: usize = 3;
 /// Moves each point along its ray onto the plane of the `k` nearest rays of its view, its own among them, as far as they
 /// met one surface.
 ///
-/// `places` are the positions of the sensor \[length\]; `place_of` gives for each point the one it was seen from. Points
-/// farther off than noise, those amid rays that met nothing but other surfaces, and those of views with few points stay
-/// where they are.
+/// `places` are the positions of the sensor \[length\]; `place_of` gives for each point the index of the one it was seen
+/// from. Points farther off than noise, those amid rays that met other surfaces, those of views with few points, and those
+/// of no place stay where they are.
 ///
 /// ```
 /// use sympose::preprocess::smooth_along_rays;
@@ -54,7 +54,9 @@ pub fn smooth_along_rays(
     check_finite(points)?;
     let mut rows_of_place = vec![Vec::new(); places.len()];
     for i in 0..points.len() {
-        rows_of_place[place_of(i)].push(i);
+        if let Some(rows) = rows_of_place.get_mut(place_of(i)) {
+            rows.push(i);
+        }
     }
     let mut smooth = points.to_vec();
     for (place, rows) in places.iter().zip(rows_of_place) {
@@ -153,9 +155,11 @@ impl View {
     /// Distance of the plane of the rays `found` along the ray `i` among them \[length\]; `None` where its own point is not
     /// of that plane.
     fn smoothed(&self, i: usize, found: &[Neighbor], noise: f64) -> Option<f64> {
-        let (inverse, _) = plane(&mut self.beside(i, found), self.inverse[i], noise)?;
-        let is_of_plane = inverse > 0.0 && (inverse - self.inverse[i]).abs() <= FARTHEST * noise;
-        is_of_plane.then(|| inverse.recip())
+        let own = self.inverse[i];
+        let (inverse, _) = plane(&mut self.beside(i, found), own, noise)?;
+        // Never to more than twice the distance, however large the noise seems to be.
+        let farthest = (FARTHEST * noise).min(0.5 * own);
+        ((inverse - own).abs() <= farthest).then(|| inverse.recip())
     }
 }
 
