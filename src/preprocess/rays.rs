@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::check_finite;
 use super::neighbors::map_neighbors;
 use crate::error::Result;
-use crate::median::median;
+use crate::median::{median, robust_sigma};
 use crate::spatial::{KdTree, Neighbor};
 
 /// Least points of a view that is smoothed; fewer say too little of their noise \[neighbours\].
@@ -111,8 +111,6 @@ impl View {
     fn noise(&self, k: usize) -> f64 {
         /// Rays that are looked at.
         const LOOKED_AT: usize = 2000;
-        /// Median of the absolute values to the standard deviation of a normal distribution.
-        const DEVIATION: f64 = 1.4826;
         let step = self.rays.len().div_ceil(LOOKED_AT).max(1);
         let around: Vec<(usize, Vec<Neighbor>)> = (0..self.rays.len())
             .into_par_iter()
@@ -131,7 +129,7 @@ impl View {
         (0..ROUNDS).fold(f64::INFINITY, |noise, _| {
             let mut residuals: Vec<f64> =
                 around.par_iter().filter_map(|looked| residual(looked, noise)).collect();
-            DEVIATION * freedom * median(&mut residuals).unwrap_or(0.0)
+            freedom * robust_sigma(&mut residuals)
         })
     }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::median::median;
+pub use crate::median::{median, robust_sigma};
 
 /// Huber's loss: quadratic up to `width`, linear beyond (the paper's gamma norm).
 ///
@@ -29,19 +29,6 @@ impl Huber {
         let r = residual.abs();
         if r <= self.width { 1.0 } else { self.width / r }
     }
-}
-
-/// Standard deviation of a Gaussian core, from the median absolute value about zero; reorders `residuals`.
-///
-/// Returns 0 for an empty slice.
-#[must_use]
-pub fn robust_sigma(residuals: &mut [f64]) -> f64 {
-    /// Ratio of standard deviation to median absolute deviation of a Gaussian.
-    const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
-    for r in residuals.iter_mut() {
-        *r = r.abs();
-    }
-    median(residuals).map_or(0.0, |m| SIGMA_OF_MAD * m)
 }
 
 #[cfg(test)]
