@@ -25,7 +25,7 @@ const FARTHEST: f64 = 4.0;
 const ROUNDS: usize = 3;
 
 /// Moves each point along its ray onto the plane of the `k` nearest rays of its view, its own among them, as far as they
-/// met one surface.
+/// met one surface: local regression (Cleveland 1979), in which near rays count more.
 ///
 /// `places` are the positions of the sensor \[length\]; `place_of` gives for each point the index of the one it was seen
 /// from. Points farther off than noise, those amid rays that met other surfaces, those of views with few points, and those
@@ -96,6 +96,9 @@ struct Beside {
     at: Vector2<f64>,
     /// Inverse of the depth along the other ray [1 / length].
     inverse: f64,
+    /// Weight for being near, from 1 to 0 for the farthest: which of several at one distance is found must not matter.
+    nearness: f64,
+    /// Weight for being near and for agreeing with the plane.
     weight: f64,
 }
 
@@ -138,13 +141,15 @@ impl View {
         let ahead = Vector3::from(self.rays[i]);
         let right = ahead.cross(&Vector3::ith(ahead.iamin(), 1.0)).normalize();
         let down = ahead.cross(&right);
+        let farthest_sq = found.iter().fold(f64::MIN_POSITIVE, |farthest, n| farthest.max(n.distance_sq));
         let beside = |neighbor: &Neighbor| {
             let ray = Vector3::from(self.rays[neighbor.index as usize]);
             let cosine = ray.dot(&ahead);
             Beside {
                 at: Vector2::new(ray.dot(&right), ray.dot(&down)) / cosine,
                 inverse: self.inverse[neighbor.index as usize] / cosine,
-                weight: 1.0,
+                nearness: 1.0 - (neighbor.distance_sq / farthest_sq).powi(2),
+                weight: 0.0,
             }
         };
         found.iter().map(beside).filter(|ray| ray.inverse.is_finite() && ray.inverse > 0.0).collect()
@@ -172,7 +177,7 @@ fn plane(rays: &mut [Beside], start: f64, noise: f64) -> Option<(f64, Vector2<f6
         let (mut weight, mut at, mut depth) = (0.0, Vector2::zeros(), 0.0);
         for ray in rays.iter_mut() {
             let off = (ray.inverse - inverse - slope.dot(&ray.at)) / (BIWEIGHT * noise);
-            ray.weight = (1.0 - off * off).max(0.0).powi(2);
+            ray.weight = ray.nearness * (1.0 - off * off).max(0.0).powi(2);
             weight += ray.weight;
             at += ray.at * ray.weight;
             depth += ray.inverse * ray.weight;

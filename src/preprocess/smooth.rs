@@ -40,7 +40,7 @@ impl Default for SmoothingParams {
             join_layers: true,
             assume_view: true,
             ray_noise: 0.0023,
-            ray_neighbors: 9,
+            ray_neighbors: 13,
             max_neighbors: 90,
             max_tilt: 0.08,
             max_angle: Some(0.15),
