@@ -1,11 +1,12 @@
 //! [`PointCloud`]: the only way in. Checks, drops what is not finite, and shifts to a local origin.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::preprocess::{CHUNK, check_finite, finite_bounds};
+use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpoints_from_order};
 
 /// Coordinates beyond this magnitude would overflow when squared and summed.
 const LARGEST_COORDINATE: f64 = 1e100;
@@ -55,8 +56,8 @@ impl Viewpoints {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointCloud {
-    points: Vec<[f64; 3]>,
-    input_index: Vec<u32>,
+    points: Arc<Vec<[f64; 3]>>,
+    input_index: Arc<Vec<u32>>,
     input_len: usize,
     origin: [f64; 3],
     viewpoints: Viewpoints,
@@ -107,7 +108,14 @@ impl PointCloud {
         points.par_iter_mut().with_min_len(CHUNK).for_each(|p| {
             *p = [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
         });
-        Ok(Self { points, input_index, input_len, origin, viewpoints: Viewpoints::default(), normals: None })
+        Ok(Self {
+            points: Arc::new(points),
+            input_index: Arc::new(input_index),
+            input_len,
+            origin,
+            viewpoints: Viewpoints::default(),
+            normals: None,
+        })
     }
 
     /// Says where the sensor stood: one position for all points, or one for each point as given (world coordinates).
@@ -158,6 +166,17 @@ impl PointCloud {
         };
         self.normals = Some(self.input_index.iter().map(|&i| unit(normals[i as usize])).collect());
         Ok(self)
+    }
+
+    /// Finds out where the sensor stood from the order of the points ([`viewpoints_from_order`]); `None` where it does not tell.
+    ///
+    /// # Errors
+    /// None: the points are finite.
+    pub fn with_viewpoints_from_order(&self) -> Result<Option<Self>> {
+        Ok(viewpoints_from_order(&self.points)?.map(|SensorPlaces { places, place_of, .. }| Self {
+            viewpoints: Viewpoints { places, place_of },
+            ..self.clone()
+        }))
     }
 
     fn check_rows(&self, what: &'static str, got: usize) -> Result<()> {

@@ -174,6 +174,9 @@ pub struct Config {
     pub roi: Option<[[f64; 3]; 2]>,
     /// Rough direction of the axis, world frame, sign ignored; the search stays within 30 degrees of it.
     pub axis_hint: Option<[f64; 3]>,
+    /// Where no viewpoint is given, finds the places of the sensor from the order of the points, if that is the one in which
+    /// a depth image is read out.
+    pub viewpoints_from_order: bool,
     /// Support plane.
     pub ground: GroundMode,
     /// Edge of a voxel \[length\].
@@ -215,6 +218,7 @@ impl Default for Config {
             non_finite: NonFinite::default(),
             roi: None,
             axis_hint: None,
+            viewpoints_from_order: true,
             ground: GroundMode::default(),
             voxel_size: None,
             cluster: ClusterMode::default(),

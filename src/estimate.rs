@@ -115,6 +115,13 @@ impl Estimator {
     fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
         let config = &self.config;
         let mut stages = Stages::new(&request.control);
+        stages.begin("input")?;
+        let placed = match config.viewpoints_from_order && !cloud.has_viewpoints() {
+            true => cloud.with_viewpoints_from_order()?,
+            false => None,
+        };
+        stages.flag("viewpoints_from_order", placed.is_some());
+        let cloud = placed.as_ref().unwrap_or(cloud);
         let Aligned { prepared, candidates, settled } = match request.initial {
             Some(initial) => self.track(cloud, initial, &mut stages)?,
             None => self.search(self.prepare(cloud, None, &mut stages)?, &mut stages)?,

@@ -23,6 +23,7 @@ from sympose._core import (
     remove_radius_outliers,
     remove_statistical_outliers,
     segment_plane,
+    viewpoints_from_order,
     voxel_downsample,
 )
 from sympose.camera import PinholeCamera, View
@@ -68,6 +69,7 @@ __all__ = [
     "remove_statistical_outliers",
     "segment",
     "segment_plane",
+    "viewpoints_from_order",
     "voxel_downsample",
     "write",
 ]

@@ -26,6 +26,7 @@ __all__ = [
     "remove_radius_outliers",
     "remove_statistical_outliers",
     "segment_plane",
+    "viewpoints_from_order",
     "voxel_downsample",
 ]
 
@@ -169,5 +170,6 @@ def segment_plane(
 def estimate_normals(
     points: ArrayLike, k: int = 20, *, viewpoints: ArrayLike | None = None
 ) -> NDArray[np.float64]: ...
+def viewpoints_from_order(points: ArrayLike) -> NDArray[np.float64] | None: ...
 def adds(points: ArrayLike, estimated: ArrayLike, truth: ArrayLike) -> float: ...
 def mssd(points: ArrayLike, estimated: ArrayLike, truth: ArrayLike, symmetries: ArrayLike) -> float: ...

@@ -25,6 +25,7 @@ pub(crate) mod outline;
 mod plane;
 mod radius;
 mod rays;
+mod scanlines;
 mod search;
 mod sides;
 mod smooth;
@@ -44,6 +45,7 @@ pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbor
 pub use plane::{Plane, PlaneParams, segment_plane};
 pub use radius::{RadiusParams, remove_radius_outliers};
 pub use rays::smooth_along_rays;
+pub use scanlines::{SensorPlaces, viewpoints_from_order};
 pub use sides::{Sides, separate_sides};
 pub use smooth::{SmoothingParams, enough_neighbors, mean_heights};
 pub use statistical::{StatisticalParams, remove_statistical_outliers, statistical_inliers};

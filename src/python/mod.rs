@@ -43,6 +43,6 @@ mod _core {
     #[pymodule_export]
     use super::stages::{
         estimate_normals, remove_radius_outliers, remove_statistical_outliers, segment_plane,
-        voxel_downsample,
+        viewpoints_from_order, voxel_downsample,
     };
 }

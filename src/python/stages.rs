@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use super::{arrays, errors, pool};
 use crate::error::Error;
-use crate::preprocess::{self, NormalParams, PlaneParams, RadiusParams, StatisticalParams};
+use crate::preprocess::{self, NormalParams, PlaneParams, RadiusParams, SensorPlaces, StatisticalParams};
 use crate::spatial::KdTree;
 
 type Array<'py> = Bound<'py, PyAny>;
@@ -207,6 +207,44 @@ pub(super) fn estimate_normals<'py>(
         Ok(normals)
     })?;
     Ok(arrays::rows(py, normals)?.into_any())
+}
+
+/// Find out where a depth sensor stood, from the order in which it read out its points.
+///
+/// However noisy, the points of one row of a depth image lie in a plane with the sensor, and so its place follows from the
+/// rows. `estimate` does the same where no viewpoint is given.
+///
+/// Args:
+///     points: (N, 3), finite, row by row (or column by column) of one depth image after another. The coordinates must not
+///         be rounded to more than a thousandth of the distance between two points.
+///
+/// Returns:
+///     (N, 3) the position of the sensor for each point, or None where the order is another one.
+///
+/// Raises:
+///     InvalidInputError: Not (N, 3), or NaN or infinite coordinates.
+///
+/// Example:
+///     >>> import numpy as np, sympose
+///     >>> u, v = np.meshgrid(np.linspace(-0.2, 0.2, 60), np.linspace(-0.2, 0.2, 60))
+///     >>> depth = 2.0 + 0.1 * np.sin(20 * u) + np.random.default_rng(0).normal(0.0, 0.01, u.shape)
+///     >>> points = np.stack([u * depth, v * depth, depth], axis=2).reshape(-1, 3)
+///     >>> places = sympose.viewpoints_from_order(points + [1.0, 2.0, 3.0])
+///     >>> bool(np.allclose(places, [1.0, 2.0, 3.0]))
+///     True
+///     >>> sympose.viewpoints_from_order(np.random.default_rng(0).permutation(points)) is None
+///     True
+#[pyfunction]
+pub(super) fn viewpoints_from_order<'py>(
+    py: Python<'py>,
+    points: &Array<'py>,
+) -> PyResult<Option<Array<'py>>> {
+    let points = arrays::cloud(points, "viewpoints_from_order")?;
+    let found = pool::run(py, || preprocess::viewpoints_from_order(&points))?;
+    let rows = found.map(|SensorPlaces { places, place_of, .. }| {
+        arrays::rows(py, place_of.iter().map(|&place| places[place as usize]).collect())
+    });
+    Ok(rows.transpose()?.map(Bound::into_any))
 }
 
 /// A number that counts something.

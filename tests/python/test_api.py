@@ -40,6 +40,7 @@ PARAMETERS = {
     "remove_statistical_outliers": "points k std_ratio",
     "segment_plane": "points distance max_iterations probability seed",
     "estimate_normals": "points k viewpoints",
+    "viewpoints_from_order": "points",
     "segment": "points views max_components min_views seed",
     "read": "path",
     "write": "path points normals colors",

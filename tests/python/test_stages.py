@@ -153,6 +153,7 @@ STAGES: dict[str, Any] = {
     "remove_statistical_outliers": lambda points: sympose.remove_statistical_outliers(points, 5),
     "segment_plane": lambda points: sympose.segment_plane(points, 0.1),
     "estimate_normals": lambda points: sympose.estimate_normals(points, 5),
+    "viewpoints_from_order": sympose.viewpoints_from_order,
     "KdTree": KdTree,
     "KdTree.query": lambda points: KdTree([[0.0, 0.0, 0.0]]).query(points),
     "KdTree.query_radius": lambda points: KdTree([[0.0, 0.0, 0.0]]).query_radius(points, 1.0),

@@ -26,7 +26,8 @@ def test_what_other_views_see_through_is_dropped(scanned: sympose.Scene) -> None
     everything = np.concatenate([points, sheet])
 
     def kept(viewpoints: np.ndarray | None) -> float:
-        found = sympose.estimate(everything, order=6, viewpoints=viewpoints)
+        config = sympose.Config(viewpoints_from_order=False)
+        found = sympose.estimate(everything, order=6, viewpoints=viewpoints, config=config)
         return float(np.mean(np.isin(np.arange(len(points), len(everything)), found.inliers)))
 
     assert len(sheet) > 200

@@ -46,7 +46,8 @@ def exact_cases(
         choose: Whether to take a part.
     """
     open_order = ("order_unknown",)
-    both = ("order_unknown", "default", "order_unknown_no_viewpoints", "no_viewpoints")
+    unseen = ("no_viewpoints", "no_viewpoints_shuffled")
+    both = ("order_unknown", "default", *unseen, *(f"order_unknown_{name}" for name in unseen))
     others = [one for name, one in STRESSED.items() if name != "warp"]
 
     def is_hub(subject: Subject) -> bool:

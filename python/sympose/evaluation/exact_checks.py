@@ -74,19 +74,17 @@ def _orders(rows: Sequence[Row], source: str) -> list[Check]:
         ),
     ]
     for name, scene in (("5 views", SPHERE), ("1 view", ONE_VIEW)):
-        for order, seen, blind in (
-            ("known", "default", "no_viewpoints"),
-            ("unknown", _OPEN, "order_unknown_no_viewpoints"),
-        ):
-            checks.append(
-                _ratio(
-                    pick(rows, scene, blind),
-                    pick(rows, scene, seen),
-                    f"no viewpoints, {name}, order {order}, {source}",
-                    "axis over that with viewpoints",
-                    1.5,
+        for order, seen, prefix in (("known", "default", ""), ("unknown", _OPEN, "order_unknown_")):
+            for lost, suffix in (("", ""), (", points shuffled", "_shuffled")):
+                checks.append(
+                    _ratio(
+                        pick(rows, scene, f"{prefix}no_viewpoints{suffix}"),
+                        pick(rows, scene, seen),
+                        f"no viewpoints{lost}, {name}, order {order}, {source}",
+                        "axis over that with viewpoints",
+                        1.5,
+                    )
                 )
-            )
     return checks
 
 

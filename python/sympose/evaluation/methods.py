@@ -69,9 +69,12 @@ def _ours(name: str, subject: Subject, scenario: Scenario, scan: Scan, seed: int
     del seed  # the default seed of the package, as a user has it
     settings = settings_of(name)
     known, seen = settings.pop("known_order", True), settings.pop("viewpoints", True)
+    in_order = settings.pop("in_order", True)
     scene: Any = scan.scene
     if not seen:
-        scene = scan.scene.points
+        # Read out row by row, they tell where the sensor stood.
+        points = scan.scene.points
+        scene = points if in_order else np.random.default_rng(0).permutation(points)
     elif not scenario.segmented:
         scene = sympose.Scene(scan.scene.points, viewpoints=scan.scene.viewpoints)
     order = subject.part.order if known else None
@@ -81,9 +84,8 @@ def _ours(name: str, subject: Subject, scenario: Scenario, scan: Scan, seed: int
 
 def config_of(settings: dict[str, Any]) -> Any:
     """The configuration with these settings changed; None for the default."""
-    changes = {
-        key: value for key, value in settings.items() if key not in ("preset", "known_order", "viewpoints")
-    }
+    of_scene = ("preset", "known_order", "viewpoints", "in_order")
+    changes = {key: value for key, value in settings.items() if key not in of_scene}
     if settings.get("preset") == "paper":
         return sympose.Config.paper().replace(**changes)
     return sympose.Config(**changes) if changes else None
@@ -109,8 +111,10 @@ _SETTINGS: dict[str, dict[str, Any]] = {
     "point_to_point": {"residual": "point_to_point"},
     "distribution": {"residual": "distribution"},
     "no_viewpoints": {"viewpoints": False},
+    "no_viewpoints_shuffled": {"viewpoints": False, "in_order": False},
     "order_unknown": {"known_order": False},
     "order_unknown_no_viewpoints": {"known_order": False, "viewpoints": False},
+    "order_unknown_no_viewpoints_shuffled": {"known_order": False, "viewpoints": False, "in_order": False},
 }
 
 METHODS: dict[str, Method] = {

@@ -37,19 +37,10 @@ def check_pose(rows: Sequence[Row]) -> list[Check]:
             *_accuracy(pick(mine, SPHERE, "default"), f"5 views, {source}"),
             check_near(pick(mine, ONE_VIEW, "default"), f"1 view, {source}", 0.97),
             *_paper(mine, source),
-            check_worst(
-                pick(mine, SPHERE, "no_viewpoints"),
-                f"no viewpoints, 5 views, {source}",
-                "axis_deg",
-                1.0,
-                "deg",
-            ),
-            check_mean(
-                pick(mine, SPHERE, "no_viewpoints"),
-                f"no viewpoints, 5 views, {source}",
-                "axis_deg",
-                0.03,
-                "deg",
+            *_no_viewpoints(pick(mine, SPHERE, "no_viewpoints"), f"no viewpoints, 5 views, {source}"),
+            *_no_viewpoints(
+                pick(mine, SPHERE, "no_viewpoints_shuffled"),
+                f"no viewpoints, points shuffled, 5 views, {source}",
             ),
             _joint(pick(mine, SPHERE, "default"), source),
             *_segmentation(mine, source),
@@ -57,6 +48,13 @@ def check_pose(rows: Sequence[Row]) -> list[Check]:
         ]
     found += _performance([row for row in rows if row["method"] == "performance"])
     return [check for check in found if check.passed is not None]
+
+
+def _no_viewpoints(rows: Sequence[Row], scenario: str) -> list[Check]:
+    return [
+        check_worst(rows, scenario, "axis_deg", 1.0, "deg"),
+        check_mean(rows, scenario, "axis_deg", 0.03, "deg"),
+    ]
 
 
 def _accuracy(rows: Sequence[Row], scenario: str) -> list[Check]:

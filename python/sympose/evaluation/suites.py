@@ -25,7 +25,7 @@ from sympose.evaluation.tables import paper_tables, table_cases
 
 __all__ = ["SUITES", "Suite", "run_suite"]
 
-_SPHERE_METHODS = ("default", "no_viewpoints", "paper", "paper_no_joint")
+_SPHERE_METHODS = ("default", "no_viewpoints", "no_viewpoints_shuffled", "paper", "paper_no_joint")
 _PROMISED = tuple(scenario.label for scenario in (SPHERE, ONE_VIEW, TABLE, ALONE))
 _SHOWN = ("default", "paper", "cad_icp", "cad_icp_far", "pca")
 
