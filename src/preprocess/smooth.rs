@@ -39,7 +39,7 @@ impl Default for SmoothingParams {
         Self {
             join_layers: true,
             assume_view: true,
-            ray_noise: 0.003,
+            ray_noise: 0.0025,
             ray_neighbors: 13,
             max_neighbors: 90,
             max_tilt: 0.08,
