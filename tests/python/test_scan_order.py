@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import sympose
-from sympose.datasets import part, scan
+from sympose.datasets import DEPTH_CAMERA, part, scan
 
 
 @pytest.mark.parametrize("views", [1, 5])
@@ -32,6 +34,17 @@ def test_a_pose_is_the_same_as_with_the_viewpoints(sigma: float) -> None:
     assert found.order == given.order == 3
     assert not any("without viewpoints" in warning for warning in found.warnings)
     np.testing.assert_allclose(found.pose, given.pose, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("views", [1, 5])
+def test_a_lens_that_bends_the_rows_costs_little(views: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    bent = replace(DEPTH_CAMERA, distortion=(-0.2, 0.05))
+    monkeypatch.setattr("sympose.datasets.scenarios.DEPTH_CAMERA", bent)
+    scene = scan(part("propeller_5"), views=views, seed=1).scene
+    found = sympose.viewpoints_from_order(scene.points)
+    assert found is not None
+    assert len(np.unique(found, axis=0)) == views
+    assert np.quantile(np.linalg.norm(found - scene.viewpoints, axis=1), 0.999) < 0.06 * 2.2
 
 
 def test_missing_returns_of_an_organised_cloud_do_not_matter() -> None:
