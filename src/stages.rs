@@ -36,8 +36,12 @@ impl<'a> Stages<'a> {
         Self { control, running: None, done: 0.0, timings: BTreeMap::new(), diagnostics: BTreeMap::new() }
     }
 
-    /// Ends the running stage, reports that the next one begins, and fails when the work is to stop.
+    /// Ends the running stage, reports that the next one begins, and fails when the work is to stop. A stage that is running
+    /// goes on.
     pub(crate) fn begin(&mut self, stage: &'static str) -> Result<()> {
+        if self.running.is_some_and(|(running, _)| running == stage) {
+            return self.check();
+        }
         self.end();
         self.running = Some((stage, Instant::now()));
         let before = Self::NAMES.iter().position(|name| *name == stage).unwrap_or(0);

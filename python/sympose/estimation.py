@@ -61,7 +61,8 @@ def estimate(
         order: Order of the symmetry, at least 2, or "continuous" for a surface of revolution. None: found.
         viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and
             tell free space, which makes the answer a good deal more certain. [0, 0, 0] for points in the
-            frame of their camera.
+            frame of their camera. Without, they are found where the points come in the order in which a depth
+            sensor read them out (`viewpoints_from_order`).
         normals: (N, 3), oriented or not; estimated where absent.
         views: Pinhole views of the scene. With them, or with a scene that has them, the foreground is
             segmented first; `views=()` leaves that out.

@@ -50,7 +50,8 @@ pub(super) struct EstimateArgs {
     /// Order of the symmetry: a whole number from 2, "continuous" or "auto".
     #[arg(long, value_name = "N|continuous|auto")]
     order: Option<Order>,
-    /// Where the sensor stood; wins over the viewpoint in the file.
+    /// Where the sensor stood; wins over the viewpoint in the file. Without either, it is found from the order of the points
+    /// where that is the one of a depth image.
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_hyphen_values = true)]
     viewpoint: Option<Vec<f64>>,
     /// Lower and upper corner of the box that holds the part.
