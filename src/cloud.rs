@@ -169,14 +169,11 @@ impl PointCloud {
     }
 
     /// Finds out where the sensor stood from the order of the points ([`viewpoints_from_order`]); `None` where it does not tell.
-    ///
-    /// # Errors
-    /// None: the points are finite.
-    pub fn with_viewpoints_from_order(&self) -> Result<Option<Self>> {
-        Ok(viewpoints_from_order(&self.points)?.map(|SensorPlaces { places, place_of, .. }| Self {
-            viewpoints: Viewpoints { places, place_of },
-            ..self.clone()
-        }))
+    #[must_use]
+    pub fn with_viewpoints_from_order(&self) -> Option<Self> {
+        // The points are finite: there is no error.
+        let SensorPlaces { places, place_of, .. } = viewpoints_from_order(&self.points).ok()??;
+        Some(Self { viewpoints: Viewpoints { places, place_of }, ..self.clone() })
     }
 
     fn check_rows(&self, what: &'static str, got: usize) -> Result<()> {

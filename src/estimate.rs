@@ -116,10 +116,8 @@ impl Estimator {
         let config = &self.config;
         let mut stages = Stages::new(&request.control);
         stages.begin("input")?;
-        let placed = match config.viewpoints_from_order && !cloud.has_viewpoints() {
-            true => cloud.with_viewpoints_from_order()?,
-            false => None,
-        };
+        let is_sought = config.viewpoints_from_order && !cloud.has_viewpoints();
+        let placed = is_sought.then(|| cloud.with_viewpoints_from_order()).flatten();
         stages.flag("viewpoints_from_order", placed.is_some());
         let cloud = placed.as_ref().unwrap_or(cloud);
         let Aligned { prepared, candidates, settled } = match request.initial {

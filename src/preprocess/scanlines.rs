@@ -4,12 +4,13 @@
 //! plane with the sensor. The planes of all rows meet in a line through it, parallel to the rows. Where on that line the
 //! sensor stands follows from the pixels of a row, which are equally far apart.
 
+use std::ops::Range;
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::CHUNK;
-use super::finite_bounds;
 use super::sensor::{Row, Sensor};
+use super::{CHUNK, finite_bounds};
 use crate::error::Result;
 use crate::median::median;
 
@@ -66,9 +67,7 @@ pub struct SensorPlaces {
 pub fn viewpoints_from_order(points: &[[f64; 3]]) -> Result<Option<SensorPlaces>> {
     let [lower, upper] = finite_bounds(points)?.map(Vector3::from);
     let farthest = FARTHEST * (upper - lower).norm();
-    let runs = runs(points);
-    let row = |&(first, len): &(usize, usize)| Row::of(first, &points[first..first + len]);
-    let mut rows: Vec<Row> = runs.par_iter().filter_map(row).collect();
+    let mut rows: Vec<Row> = runs(points).into_par_iter().filter_map(|run| Row::of(points, run)).collect();
     let mut sensors = Vec::new();
     // Of many views, or of near ones, the first round misses some, whose rows are what is left.
     loop {
@@ -147,8 +146,8 @@ fn sensors_of(rows: &[Row], points: &[[f64; 3]], farthest: f64) -> Vec<Sensor> {
     sensors
 }
 
-/// First point and number of the runs of points each of which is near the next one.
-fn runs(points: &[[f64; 3]]) -> Vec<(usize, usize)> {
+/// Runs of points each of which is near the next one.
+fn runs(points: &[[f64; 3]]) -> Vec<Range<usize>> {
     /// Distance to the next point at which a run ends [median].
     const GAP: f64 = 5.0;
     /// Steps from which the median is taken.
@@ -161,7 +160,7 @@ fn runs(points: &[[f64; 3]]) -> Vec<(usize, usize)> {
     for end in 1..=points.len() {
         if end == points.len() || step_sq(points, end - 1) > gap_sq {
             if end - first >= ROW {
-                runs.push((first, end - first));
+                runs.push(first..end);
             }
             first = end;
         }

@@ -1,5 +1,7 @@
 //! A depth sensor and the rows of its pictures: in a plane with it, however noisy, and pixels equally far apart.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::eigen::smallest_eigenvector;
@@ -11,8 +13,7 @@ const SAME_PLACE: f64 = 0.05;
 
 /// Consecutive points of one row of a picture, in a plane with the sensor.
 pub(super) struct Row {
-    first: usize,
-    len: usize,
+    run: Range<usize>,
     middle: Vector3<f64>,
     /// Of their plane.
     normal: Vector3<f64>,
@@ -21,19 +22,20 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// Of points that lie in a plane but not on a line.
-    pub(super) fn of(first: usize, points: &[[f64; 3]]) -> Option<Self> {
+    /// The `run` of `points`, if they lie in a plane but not on a line.
+    pub(super) fn of(points: &[[f64; 3]], run: Range<usize>) -> Option<Self> {
         /// Thickness of a plane that rounding leaves [breadth].
         const FLAT: f64 = 0.05;
         /// Least breadth [length]; with less the points lie on a line.
         const BROAD: f64 = 1e-9;
+        let points = &points[run.clone()];
         let about = Vector3::from(points[0]);
         let mut moments = Moments::default();
         points.iter().for_each(|p| moments.add((Vector3::from(*p) - about).into()));
         let (normal, [thickness_sq, breadth_sq, length_sq]) = smallest_eigenvector(&moments.scatter());
         let is_flat = thickness_sq < FLAT * FLAT * breadth_sq && breadth_sq > BROAD * BROAD * length_sq;
         let middle = about + moments.sum() / points.len() as f64;
-        is_flat.then_some(Self { first, len: points.len(), middle, normal, breadth_sq })
+        is_flat.then_some(Self { run, middle, normal, breadth_sq })
     }
 }
 
@@ -72,7 +74,7 @@ impl Sensor {
                 let r = (from - along * x).norm();
                 [x / r, r.recip()]
             };
-            let seen: Vec<[f64; 2]> = points[row.first..row.first + row.len].iter().map(seen).collect();
+            let seen: Vec<[f64; 2]> = points[row.run.clone()].iter().map(seen).collect();
             let start = changes.len();
             changes.extend(seen.windows(2).map(|pair| [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]]));
             let half = (changes.len() - start).div_ceil(2);
