@@ -19,7 +19,7 @@ use crate::symmetry::surface::{Gate, Samples, Surface};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefineParams {
-    /// Points on which the axis is refined, at most; more of them change less than the noise does (BENCHMARK.md).
+    /// Points on which the axis is refined, at most; more of them change less than the noise does (docs/experiments.md).
     pub samples: usize,
     /// Rotations used for the axis, at most.
     pub max_turns: usize,
@@ -40,7 +40,7 @@ pub struct RefineParams {
     /// Motion of the axis below which a round counts as converged [point spacings at the rim].
     pub tolerance: f64,
     /// Weight of a point's own measurement against one match in the joint optimisation; 0.3 measured best
-    /// (BENCHMARK.md).
+    /// (docs/experiments.md).
     pub anchor: f64,
 }
 
