@@ -122,20 +122,21 @@ pub(crate) fn prepare(
     };
     // The points as they were measured, where those of the part are averaged along their rays.
     let mut measured = None;
-    let grid = if layered {
-        let layers =
-            |part: &Scene| voxel_layers(&part.points, |i| part.viewpoint(i).unwrap_or_default(), voxel_size);
-        let SmoothingParams { ray_noise, ray_neighbors, .. } = config.smoothing;
-        let Layers { grid, noise } = layers(&part)?;
-        stages.number("noise", noise);
-        if outward && ray_neighbors > 0 && noise > ray_noise * diameter {
+    let SmoothingParams { ray_noise, ray_neighbors, .. } = config.smoothing;
+    if layered && outward && ray_neighbors > 0 {
+        let noise = part.noise_along_rays(ray_neighbors)?;
+        stages.number("ray_noise", noise);
+        if noise > ray_noise * diameter {
             stages.check()?;
             let smooth = part.smoothed_along_rays(ray_neighbors)?;
             measured = Some(std::mem::replace(&mut part.points, smooth));
-            layers(&part)?.grid
-        } else {
-            grid
         }
+    }
+    let grid = if layered {
+        let viewpoint = |i| part.viewpoint(i).unwrap_or_default();
+        let Layers { grid, noise } = voxel_layers(&part.points, viewpoint, voxel_size)?;
+        stages.number("noise", noise);
+        grid
     } else {
         voxel_downsample(&part.points, voxel_size)?
     };

@@ -9,7 +9,9 @@ use crate::cloud::PointCloud;
 use crate::config::{Config, OutlierParams};
 use crate::error::{Error, Result};
 use crate::frames::principal_frame;
-use crate::preprocess::{CHUNK, ClusterParams, VoxelGrid, main_cluster, smooth_along_rays, voxel_downsample};
+use crate::preprocess::{
+    CHUNK, ClusterParams, VoxelGrid, main_cluster, noise_along_rays, smooth_along_rays, voxel_downsample,
+};
 use crate::resolution::width;
 use crate::symmetry::visibility::Visibility;
 
@@ -80,15 +82,25 @@ impl<'a> Scene<'a> {
 
     /// The position that point `i` was seen from, where the cloud has such.
     pub(crate) fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
-        let place = self.cloud.viewpoints().place_of(self.rows[i] as usize);
-        self.places.get(place).map(|place| (*place).into())
+        self.places.get(self.place_of(i)).map(|place| (*place).into())
+    }
+
+    /// Standard deviation of the points along their rays \[length\], about the planes of `neighbors` rays.
+    pub(crate) fn noise_along_rays(&self, neighbors: usize) -> Result<f64> {
+        noise_along_rays(&self.points, &self.positions(), |i| self.place_of(i), neighbors)
     }
 
     /// The points, each averaged along its ray with the `neighbors` nearest rays of its view.
     pub(crate) fn smoothed_along_rays(&self, neighbors: usize) -> Result<Vec<[f64; 3]>> {
-        let places: Vec<[f64; 3]> = self.places.iter().map(|place| (*place).into()).collect();
-        let place_of = |i: usize| self.cloud.viewpoints().place_of(self.rows[i] as usize);
-        smooth_along_rays(&self.points, &places, place_of, neighbors)
+        smooth_along_rays(&self.points, &self.positions(), |i| self.place_of(i), neighbors)
+    }
+
+    fn positions(&self) -> Vec<[f64; 3]> {
+        self.places.iter().map(|place| (*place).into()).collect()
+    }
+
+    fn place_of(&self, i: usize) -> usize {
+        self.cloud.viewpoints().place_of(self.rows[i] as usize)
     }
 
     /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part

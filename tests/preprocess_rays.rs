@@ -4,7 +4,7 @@
 mod scenes;
 
 use proptest::prelude::*;
-use sympose::preprocess::smooth_along_rays;
+use sympose::preprocess::{noise_along_rays, smooth_along_rays};
 
 use scenes::{Random, with_threads};
 
@@ -92,6 +92,25 @@ fn a_rounding_error_changes_nothing_but_the_last_digits() {
         let off = distance([near, far_away.map(|x| x - far)]);
         assert!(off < 1e-6, "{off}");
     }
+}
+
+#[test]
+fn the_noise_is_that_of_the_rays_however_dense_they_are() {
+    let points = picture(0.1, |x, y| x + 0.3 * y < 0.2);
+    let noisy: Vec<[f64; 3]> = points.iter().map(|[_, noisy]| *noisy).collect();
+    // That of numbers drawn evenly from an interval of this length.
+    let truth = 0.1 / f64::sqrt(12.0);
+    for step in [1, 7] {
+        let thinned: Vec<[f64; 3]> = noisy.iter().step_by(step).copied().collect();
+        let noise = noise_along_rays(&thinned, &[EYE], |_| 0, 13).unwrap();
+        assert!((noise / truth - 1.0).abs() < 0.25, "{noise} of {truth} for every {step}th ray");
+    }
+    // The place that saw most of the points counts, and too few of them tell nothing.
+    let fullest = noise_along_rays(&noisy, &[[9.0; 3], EYE], |i| usize::from(i >= 40), 13).unwrap();
+    assert!((fullest / truth - 1.0).abs() < 0.25, "{fullest}");
+    assert_eq!(noise_along_rays(&noisy[..90], &[EYE], |_| 0, 13).unwrap(), 0.0);
+    assert_eq!(noise_along_rays(&noisy, &[], |_| 0, 13).unwrap(), 0.0);
+    assert!(noise_along_rays(&noisy, &[EYE], |_| 0, 0).is_err());
 }
 
 #[test]

@@ -45,7 +45,7 @@ pub use neighbors::{KNeighbors, median_spacing};
 pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbors, orient_normals};
 pub use plane::{Plane, PlaneParams, segment_plane};
 pub use radius::{RadiusParams, remove_radius_outliers};
-pub use rays::smooth_along_rays;
+pub use rays::{noise_along_rays, smooth_along_rays};
 pub use scanlines::{SensorPlaces, viewpoints_from_order};
 pub use sides::{Sides, separate_sides};
 pub use smooth::{SmoothingParams, enough_neighbors, mean_heights};
@@ -70,6 +70,14 @@ pub(crate) fn check_finite(points: &[[f64; 3]]) -> Result<()> {
         return Ok(());
     }
     Err(Error::NonFinite { count, total: points.len() })
+}
+
+/// Fails where no neighbour is asked for.
+fn at_least_one(k: usize) -> Result<()> {
+    if k > 0 {
+        return Ok(());
+    }
+    Err(Error::InvalidParameter { name: "k", value: "0".into(), expected: "at least 1 neighbour" })
 }
 
 /// Lower and upper corner of the bounding box, zero for no points; fails unless every coordinate is finite.

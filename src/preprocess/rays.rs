@@ -6,13 +6,13 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::check_finite;
 use super::neighbors::map_neighbors;
+use super::{at_least_one, check_finite};
 use crate::error::Result;
 use crate::median::{median, robust_sigma};
 use crate::spatial::{KdTree, Neighbor};
 
-/// Least points of a view that is smoothed; fewer say too little of their noise \[neighbours\].
+/// Least points of a view; fewer say too little of their noise \[neighbours\].
 const ENOUGH: usize = 8;
 
 /// Where Tukey's biweight ends [standard deviations of the noise].
@@ -23,6 +23,54 @@ const FARTHEST: f64 = 4.0;
 
 /// Rounds in which the weights of a plane are found.
 const ROUNDS: usize = 3;
+
+/// Standard deviation of the points along the rays of their sensor \[length\], about the planes of the `k` nearest rays:
+/// that of the place which saw most of them; 0 where no place saw enough.
+///
+/// Unlike a spread about the surface in space, it hardly depends on the shape of the part, or on how densely it was scanned.
+/// `places` and `place_of` are those of [`smooth_along_rays`].
+///
+/// ```
+/// use sympose::preprocess::noise_along_rays;
+/// // A rough plate under a sensor.
+/// let at = |i: u32| [0.1 * f64::from(i % 40) - 2.0, 0.1 * f64::from(i / 40) - 2.0, 0.01 * f64::from(i * i % 7)];
+/// let points: Vec<[f64; 3]> = (0..1600).map(at).collect();
+/// let noise = noise_along_rays(&points, &[[0.0, 0.0, 5.0]], |_| 0, 13)?;
+/// assert!((0.01..0.03).contains(&noise), "{noise}");
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) when `k` is 0,
+/// [`Error::NonFinite`](crate::Error::NonFinite).
+pub fn noise_along_rays(
+    points: &[[f64; 3]],
+    places: &[[f64; 3]],
+    place_of: impl Fn(usize) -> usize,
+    k: usize,
+) -> Result<f64> {
+    /// Rays of a picture that shows its noise.
+    const PICTURE: usize = 20_000;
+    at_least_one(k)?;
+    check_finite(points)?;
+    let mut counts = vec![0_usize; places.len()];
+    for i in 0..points.len() {
+        if let Some(count) = counts.get_mut(place_of(i)) {
+            *count += 1;
+        }
+    }
+    let Some((fullest, &count)) = counts.iter().enumerate().max_by_key(|(_, count)| **count) else {
+        return Ok(0.0);
+    };
+    let rows = (0..points.len()).filter(|&i| place_of(i) == fullest);
+    let (_, seen) = rays_from(&places[fullest], points, rows.step_by(count.div_ceil(PICTURE).max(1)));
+    if !shows_noise(&seen, k) {
+        return Ok(0.0);
+    }
+    let mut distances: Vec<f64> = seen.iter().map(|ray| ray.norm()).collect();
+    let distance = median(&mut distances).unwrap_or_default();
+    Ok(View::new(&seen)?.noise(k) * distance * distance)
+}
 
 /// Moves each point along its ray onto the plane of the `k` nearest rays of its view, its own among them, as far as they
 /// met one surface: local regression (Cleveland 1979), in which near rays count more.
@@ -60,15 +108,11 @@ pub fn smooth_along_rays(
     }
     let mut smooth = points.to_vec();
     for (place, rows) in places.iter().zip(rows_of_place) {
-        let place = Vector3::from(*place);
-        let (rows, seen): (Vec<usize>, Vec<Vector3<f64>>) = rows
-            .into_iter()
-            .map(|i| (i, Vector3::from(points[i]) - place))
-            .filter(|(_, seen)| seen.norm().recip().is_finite())
-            .unzip();
-        if seen.len() < ENOUGH * k.max(1) {
+        let (rows, seen) = rays_from(place, points, rows.into_iter());
+        if !shows_noise(&seen, k) {
             continue;
         }
+        let place = Vector3::from(*place);
         let view = View::new(&seen)?;
         let noise = view.noise(k);
         let depths = map_neighbors(&view.tree, &view.rays, k, |i, found| view.smoothed(i, found, noise))?;
@@ -79,6 +123,22 @@ pub fn smooth_along_rays(
         }
     }
     Ok(smooth)
+}
+
+/// From a place to the points of these rows, those in the place itself left out.
+fn rays_from(
+    place: &[f64; 3],
+    points: &[[f64; 3]],
+    rows: impl Iterator<Item = usize>,
+) -> (Vec<usize>, Vec<Vector3<f64>>) {
+    rows.map(|i| (i, Vector3::from(points[i]) - Vector3::from(*place)))
+        .filter(|(_, seen)| seen.norm().recip().is_finite())
+        .unzip()
+}
+
+/// Whether a view has points enough to tell their noise.
+fn shows_noise(seen: &[Vector3<f64>], k: usize) -> bool {
+    seen.len() >= ENOUGH * k.max(1)
 }
 
 /// The points of one view, as a picture.

@@ -6,7 +6,7 @@
 
 use super::block::{Block, SLACK};
 use super::cells::CellList;
-use super::{CHUNK, check_finite};
+use super::{CHUNK, at_least_one, check_finite};
 use crate::error::{Error, Result};
 use crate::spatial::{KdTree, Neighbor};
 
@@ -66,13 +66,7 @@ impl<'a> Search<'a> {
         nearest_first: bool,
         order: impl FnOnce(&CellList) -> Vec<u32>,
     ) -> Result<Self> {
-        if k == 0 {
-            return Err(Error::InvalidParameter {
-                name: "k",
-                value: "0".into(),
-                expected: "at least 1 neighbour",
-            });
-        }
+        at_least_one(k)?;
         check_finite(points)?;
         if tree.len() != points.len() {
             return Err(Error::LengthMismatch {

@@ -19,8 +19,8 @@ pub struct SmoothingParams {
     /// Where no viewpoint is given, assumes one view if all of the surface can be seen from one place. It tells the sides of
     /// walls apart, and that a rotated point which is turned away would not have been seen; nothing else.
     pub assume_view: bool,
-    /// Standard deviation of the points about the surface from which on they are averaged along the rays of their sensor
-    /// before all else, where viewpoints are given and layers are joined \[diameters\].
+    /// Standard deviation of the points along the rays of their sensor from which on they are averaged along these before
+    /// all else, where viewpoints are given and layers are joined \[diameters\].
     pub ray_noise: f64,
     /// Rays, its own among them, among which a point is averaged then \[count\]; 0: none is.
     pub ray_neighbors: usize,
@@ -39,7 +39,7 @@ impl Default for SmoothingParams {
         Self {
             join_layers: true,
             assume_view: true,
-            ray_noise: 0.0025,
+            ray_noise: 0.0035,
             ray_neighbors: 13,
             max_neighbors: 90,
             max_tilt: 0.08,

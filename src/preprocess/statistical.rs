@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::neighbors::map_neighbors;
-use super::{CHUNK, KNeighbors, check_finite};
+use super::{CHUNK, KNeighbors, at_least_one, check_finite};
 use crate::config::positive;
 use crate::error::{Error, Result};
 use crate::spatial::{KdTree, Neighbor};
@@ -83,12 +83,5 @@ fn chunked_sum(values: &[f64], f: impl Fn(f64) -> f64) -> f64 {
 
 fn check(params: &StatisticalParams) -> Result<()> {
     positive("std_ratio", params.std_ratio)?;
-    if params.k == 0 {
-        return Err(Error::InvalidParameter {
-            name: "k",
-            value: "0".into(),
-            expected: "at least 1 neighbour",
-        });
-    }
-    Ok(())
+    at_least_one(params.k)
 }

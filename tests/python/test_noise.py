@@ -66,6 +66,18 @@ def test_little_noise_is_left_to_the_voxels() -> None:
     assert found.diagnostics["smoothed_along_rays"] is False
 
 
+@pytest.mark.parametrize("settings", [{}, {"voxel_size": 0.03}])
+def test_coarse_voxels_do_not_pass_for_noise(settings: dict[str, float]) -> None:
+    # Tracking takes voxels twice as large; about either, a hub with bolts is rougher than noise would make it.
+    scanned = scan(part("wheel_hub_6"), "sphere", views=5, seed=1)
+    found = sympose.estimate(
+        scanned.scene, order=6, initial=scanned.world_from_object, config=sympose.Config(**settings)
+    )
+    assert found.diagnostics["noise"] > 0.0035
+    assert found.diagnostics["ray_noise"] < 0.003
+    assert found.diagnostics["smoothed_along_rays"] is False
+
+
 def test_one_layer_of_points_gives_the_same_pose() -> None:
     scanned = scan(part("wheel_hub_5"), "sphere", views=5, seed=1)
     several = sympose.Config(smoothing={"join_layers": False}, voxel_size=0.006)
