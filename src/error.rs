@@ -29,7 +29,8 @@ pub enum Error {
     },
     /// Coordinates are NaN or infinite, and the configuration asks for an error.
     #[error(
-        "{count} of {total} points have a NaN or infinite coordinate; remove them or set non_finite = \"drop\""
+        "{count} of {total} points have a NaN or infinite coordinate; remove them (an estimate leaves them out unless \
+         non_finite is \"error\")"
     )]
     NonFinite {
         /// Points with a NaN or infinite coordinate.

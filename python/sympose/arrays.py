@@ -11,7 +11,7 @@ from sympose.errors import InvalidInputError
 
 T = TypeVar("T", bound=np.generic)
 
-__all__ = ["as_floats", "as_points", "read_only"]
+__all__ = ["as_floats", "as_points", "copy_points", "read_only"]
 
 
 def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -20,13 +20,7 @@ def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
     Raises:
         InvalidInputError: `value` is ragged or does not hold real numbers.
     """
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
-    if array.dtype.kind not in "fiub":
-        raise InvalidInputError(f"{name} must hold real numbers, got dtype {array.dtype}")
-    return np.require(array, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
+    return np.require(_as_real(value, name), np.float64, ["C_CONTIGUOUS", "ALIGNED"])
 
 
 def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
@@ -37,10 +31,16 @@ def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
     Raises:
         InvalidInputError: `value` is not numeric or not of shape (N, 3).
     """
-    array = as_floats(value, name)
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InvalidInputError(f"{name} must have shape (N, 3), got {array.shape}")
-    return array
+    return _checked_rows(as_floats(value, name), name)
+
+
+def copy_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    """Return what `as_points` does, as an array that no one else holds.
+
+    Raises:
+        InvalidInputError: `value` is not numeric or not of shape (N, 3).
+    """
+    return np.array(_checked_rows(_as_real(value, name), name), np.float64, order="C", copy=True)
 
 
 def read_only(array: NDArray[T]) -> NDArray[T]:
@@ -48,3 +48,19 @@ def read_only(array: NDArray[T]) -> NDArray[T]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _as_real(value: ArrayLike, name: str) -> NDArray[np.generic]:
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
+    if array.dtype.kind not in "fiub":
+        raise InvalidInputError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    return array
+
+
+def _checked_rows(array: NDArray[T], name: str) -> NDArray[T]:
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidInputError(f"{name} must have shape (N, 3), got {array.shape}")
+    return array

@@ -65,8 +65,8 @@ impl PyKdTree {
         points: &Bound<'py, PyAny>,
         k: i64,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
-        let queries = arrays::points(points, "points")?;
-        arrays::check_finite(py, &queries, "points")?;
+        let queries = &*arrays::rows_of(points, "points")?;
+        arrays::check_finite(py, queries, "points")?;
         let count = usize::try_from(k).ok().filter(|&k| k >= 1);
         let Some(k) = count else {
             return Err(errors::invalid_input(py, format!("k = {k}: expected at least 1 neighbour")));
@@ -85,7 +85,7 @@ impl PyKdTree {
             indices.resize(cells, len as i64);
             let found = match k {
                 1 => None,
-                _ => Some(KNeighbors::of_queries(&self.tree, &self.points, &queries, k)?),
+                _ => Some(KNeighbors::of_queries(&self.tree, &self.points, queries, k)?),
             };
             let rows = distances.par_chunks_mut(k).zip(indices.par_chunks_mut(k)).enumerate();
             rows.with_min_len(256).for_each(|(row, (distances, indices))| {
@@ -135,15 +135,15 @@ impl PyKdTree {
         points: &Bound<'py, PyAny>,
         radius: f64,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let queries = arrays::points(points, "points")?;
-        arrays::check_finite(py, &queries, "points")?;
+        let queries = &*arrays::rows_of(points, "points")?;
+        arrays::check_finite(py, queries, "points")?;
         if !(radius > 0.0 && radius.is_finite()) {
             return Err(errors::invalid_input(
                 py,
                 format!("radius = {radius}: expected a positive, finite number"),
             ));
         }
-        let found = pool::run(py, || Ok(self.tree.within_batch(&queries, radius)))?;
+        let found = pool::run(py, || Ok(self.tree.within_batch(queries, radius)))?;
         let indices = |neighbors: Vec<crate::spatial::Neighbor>| {
             arrays::vector(py, neighbors.into_iter().map(|n| i64::from(n.index)).collect()).into_any()
         };

@@ -39,10 +39,11 @@ pub(super) fn adds(
     estimated: &Bound<'_, PyAny>,
     truth: &Bound<'_, PyAny>,
 ) -> PyResult<f64> {
-    let points = arrays::cloud(points, "adds")?;
+    let points = &*arrays::cloud(points, "adds")?;
+    arrays::check_finite(py, points, "points")?;
     let estimated = arrays::isometry(estimated, "estimated")?;
     let truth = arrays::isometry(truth, "truth")?;
-    pool::run(py, || metrics::adds(&points, &estimated, &truth))
+    pool::run(py, || metrics::adds(points, &estimated, &truth))
 }
 
 /// MSSD: the largest distance of a point from where it should be, at the symmetry of the part that suits best.
@@ -79,9 +80,10 @@ pub(super) fn mssd(
     truth: &Bound<'_, PyAny>,
     symmetries: &Bound<'_, PyAny>,
 ) -> PyResult<f64> {
-    let points = arrays::cloud(points, "mssd")?;
+    let points = &*arrays::cloud(points, "mssd")?;
+    arrays::check_finite(py, points, "points")?;
     let estimated = arrays::isometry(estimated, "estimated")?;
     let truth = arrays::isometry(truth, "truth")?;
     let symmetries = arrays::isometries(symmetries, "symmetries")?;
-    pool::run(py, || metrics::mssd(&points, &estimated, &truth, &symmetries))
+    pool::run(py, || metrics::mssd(points, &estimated, &truth, &symmetries))
 }

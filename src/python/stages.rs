@@ -39,8 +39,8 @@ pub(super) fn voxel_downsample<'py>(
     voxel_size: f64,
     return_inverse: bool,
 ) -> PyResult<Array<'py>> {
-    let points = arrays::cloud(points, "voxel_downsample")?;
-    let grid = pool::run(py, || preprocess::voxel_downsample(&points, voxel_size))?;
+    let points = &*arrays::cloud(points, "voxel_downsample")?;
+    let grid = pool::run(py, || preprocess::voxel_downsample(points, voxel_size))?;
     let means = arrays::rows(py, grid.points)?;
     if return_inverse {
         return Ok((means, arrays::indices(py, &grid.inverse)).into_pyobject(py)?.into_any());
@@ -76,10 +76,10 @@ pub(super) fn remove_radius_outliers<'py>(
     radius: f64,
     min_neighbors: i64,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let points = arrays::cloud(points, "remove_radius_outliers")?;
+    let points = &*arrays::cloud(points, "remove_radius_outliers")?;
     let params = RadiusParams { radius, min_neighbors: count(py, "min_neighbors", min_neighbors)? };
-    let kept = pool::run(py, || preprocess::remove_radius_outliers(&points, &params))?;
-    selection(py, &points, &kept)
+    let kept = pool::run(py, || preprocess::remove_radius_outliers(points, &params))?;
+    selection(py, points, &kept)
 }
 
 /// Keep the points that are as close to their neighbours as most points are to theirs.
@@ -113,10 +113,10 @@ pub(super) fn remove_statistical_outliers<'py>(
     k: i64,
     std_ratio: f64,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let points = arrays::cloud(points, "remove_statistical_outliers")?;
+    let points = &*arrays::cloud(points, "remove_statistical_outliers")?;
     let params = StatisticalParams { k: count(py, "k", k)?, std_ratio };
-    let kept = pool::run(py, || preprocess::remove_statistical_outliers(&points, &params))?;
-    selection(py, &points, &kept)
+    let kept = pool::run(py, || preprocess::remove_statistical_outliers(points, &params))?;
+    selection(py, points, &kept)
 }
 
 /// Find the plane with the most points: RANSAC (Fischler and Bolles 1981), then total least squares on the inliers.
@@ -152,11 +152,11 @@ pub(super) fn segment_plane<'py>(
     probability: f64,
     seed: i64,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let points = arrays::cloud(points, "segment_plane")?;
+    let points = &*arrays::cloud(points, "segment_plane")?;
     let max_iterations = count(py, "max_iterations", max_iterations)?;
     let seed = count(py, "seed", seed)? as u64;
     let params = PlaneParams { distance, max_iterations, probability, seed };
-    let plane = pool::run(py, || preprocess::segment_plane(&points, &params))?;
+    let plane = pool::run(py, || preprocess::segment_plane(points, &params))?;
     let coefficients = arrays::vector(py, plane.coefficients.map(|x| x + 0.0).to_vec());
     Ok((coefficients.into_any(), arrays::indices(py, &plane.inliers).into_any()))
 }
@@ -190,7 +190,7 @@ pub(super) fn estimate_normals<'py>(
     k: i64,
     viewpoints: Option<&Array<'py>>,
 ) -> PyResult<Array<'py>> {
-    let points = arrays::cloud(points, "estimate_normals")?;
+    let points = &*arrays::cloud(points, "estimate_normals")?;
     let params = NormalParams { k: count(py, "k", k)?, ..NormalParams::default() };
     let viewpoints = viewpoints.map(|value| arrays::points_or_point(value, "viewpoints")).transpose()?;
     let viewpoints = viewpoints.unwrap_or_default();
@@ -201,9 +201,9 @@ pub(super) fn estimate_normals<'py>(
         return Err(errors::exception(py, mismatch));
     }
     let normals = pool::run(py, || {
-        let mut normals = preprocess::estimate_normals(&points, &KdTree::new(&points)?, &params)?.normals;
+        let mut normals = preprocess::estimate_normals(points, &KdTree::new(points)?, &params)?.normals;
         let viewpoint_of = |i: usize| viewpoints.get(i).or(viewpoints.first()).copied();
-        preprocess::orient_normals(&mut normals, &points, viewpoint_of);
+        preprocess::orient_normals(&mut normals, points, viewpoint_of);
         Ok(normals)
     })?;
     Ok(arrays::rows(py, normals)?.into_any())
@@ -239,8 +239,8 @@ pub(super) fn viewpoints_from_order<'py>(
     py: Python<'py>,
     points: &Array<'py>,
 ) -> PyResult<Option<Array<'py>>> {
-    let points = arrays::cloud(points, "viewpoints_from_order")?;
-    let found = pool::run(py, || preprocess::viewpoints_from_order(&points))?;
+    let points = &*arrays::cloud(points, "viewpoints_from_order")?;
+    let found = pool::run(py, || preprocess::viewpoints_from_order(points))?;
     let rows = found.map(|SensorPlaces { places, place_of, .. }| {
         arrays::rows(py, place_of.iter().map(|&place| places[place as usize]).collect())
     });
