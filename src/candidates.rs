@@ -103,7 +103,7 @@ impl Estimator {
             let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
             let Remarks { warnings, ambiguous, doubted } =
                 remarks(declared, candidate, candidates, &refined.axis, &score, &detection, prepared);
-            let trust = score.trust(prepared.outward);
+            let trust = prepared.trust(&score);
             let worth = (!doubted, trust);
             if best.as_ref().is_none_or(|(most, _)| worth > *most) {
                 best = Some((worth, Settled { refined, order, score, detection, ambiguous, warnings }));

@@ -1,46 +1,15 @@
 //! [`PointCloud`]: the only way in. Checks, drops what is not finite, and shifts to a local origin.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpoints_from_order};
+use crate::viewpoints::Viewpoints;
 
 /// Coordinates beyond this magnitude would overflow when squared and summed.
 const LARGEST_COORDINATE: f64 = 1e100;
-
-/// Where the sensor stood when it measured the points, in local coordinates.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Viewpoints {
-    /// Its places, none twice; empty when they are unknown.
-    pub(crate) places: Vec<[f64; 3]>,
-    /// For each point its place; empty where all points have the first one.
-    place_of: Vec<u32>,
-}
-
-impl Viewpoints {
-    /// Number of the place that point `index` was seen from; 0 where none is known.
-    #[inline]
-    pub(crate) fn place_of(&self, index: usize) -> usize {
-        self.place_of.get(index).map_or(0, |&place| place as usize)
-    }
-
-    /// Those of points that come in `runs` of one viewpoint, each with its length.
-    fn of_runs(runs: impl Iterator<Item = ([f64; 3], usize)>) -> Self {
-        let mut known: HashMap<[u64; 3], u32> = HashMap::new();
-        let mut found = Self::default();
-        for (viewpoint, len) in runs {
-            let place = *known.entry(viewpoint.map(f64::to_bits)).or_insert_with(|| {
-                found.places.push(viewpoint);
-                found.places.len() as u32 - 1
-            });
-            found.place_of.resize(found.place_of.len() + len, place);
-        }
-        found
-    }
-}
 
 /// A validated cloud: finite points about a local origin, with optional viewpoints and normals.
 ///

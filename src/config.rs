@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::error::{Error, Result};
 use crate::preprocess::{GroundParams, NormalParams, SmoothingParams, StatisticalParams};
 use crate::symmetry::detect::DetectParams;
-use crate::symmetry::order::Order;
+use crate::symmetry::order::{MAX_ORDER, Order};
 use crate::symmetry::propose::ProposeParams;
 use crate::symmetry::refine::RefineParams;
 
@@ -151,6 +151,9 @@ impl Default for TrackingParams {
     }
 }
 
+/// Starting directions of a search, at most: half a degree apart.
+const MAX_DIRECTIONS: usize = 10_000;
+
 /// Every setting of an estimate. Lengths left `None` are found from the spacing of the points and the size of the part.
 ///
 /// ```
@@ -277,12 +280,39 @@ impl Config {
         let limits = [
             ("outliers.scattered", scattered),
             ("outliers.off_surface", off_surface),
-            ("smoothing.ray_noise", Some(self.smoothing.ray_noise)),
-            ("smoothing.max_tilt", Some(self.smoothing.max_tilt)),
             ("smoothing.max_angle", self.smoothing.max_angle),
         ];
         for (name, limit) in limits {
             limit.map_or(Ok(()), |limit| positive(name, limit))?;
+        }
+        for (name, value) in [
+            ("plane.rough_distance", self.plane.rough_distance),
+            ("plane.band", self.plane.band),
+            ("outliers.radius", self.outliers.radius),
+            ("outliers.cluster_distance", self.outliers.cluster_distance),
+            ("smoothing.ray_noise", self.smoothing.ray_noise),
+            ("smoothing.max_tilt", self.smoothing.max_tilt),
+            ("propose.gate", self.propose.gate),
+            ("refine.gate", self.refine.gate),
+            ("refine.max_normal_angle", self.refine.max_normal_angle),
+            ("refine.huber_width", self.refine.huber_width),
+            ("refine.tolerance", self.refine.tolerance),
+        ] {
+            positive(name, value)?;
+        }
+        if !(1..=MAX_DIRECTIONS).contains(&self.propose.directions) {
+            return Err(Error::InvalidParameter {
+                name: "propose.directions",
+                value: self.propose.directions.to_string(),
+                expected: "1 to 10,000 directions",
+            });
+        }
+        if !(2..=MAX_ORDER).contains(&self.detect.max_order) {
+            return Err(Error::InvalidParameter {
+                name: "detect.max_order",
+                value: self.detect.max_order.to_string(),
+                expected: "an order from 2 to 360",
+            });
         }
         let zero = |name, expected| Err(Error::InvalidParameter { name, value: "0".into(), expected });
         if self.threads == Some(0) {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::{Config, TrackingParams};
+use crate::config::{Config, GroundMode, TrackingParams};
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::frames::{height_over, place, plane_in_world};
@@ -126,6 +126,9 @@ impl Estimator {
         };
         let surface = &prepared.surface;
         let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
+        if config.ground == GroundMode::On && prepared.ground.is_none() {
+            warnings.push(NO_GROUND.to_owned());
+        }
         let refined = Samples {
             points: if self.config.joint {
                 displaced(&surface.samples.points, &found)
@@ -167,16 +170,11 @@ impl Estimator {
         stages.series("yaw_histogram", &heading.histogram);
 
         let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);
-        let local_from_object = place(&axis, height, heading.angle, order, preferred);
+        let (local_from_object, angle) = place(&axis, height, heading.angle, order, preferred);
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
-        let (covariance, unobservable) = pose_covariance(
-            &found.sandwich,
-            found.gain,
-            0.5 * prepared.diameter,
-            heading.angle,
-            height,
-            along,
-        );
+        let radius = 0.5 * prepared.diameter;
+        let (covariance, unobservable) =
+            pose_covariance(&found.sandwich, found.gain, radius, angle, height, along);
         let mut framed = Framed { local_from_object, covariance, unobservable };
         if let Some(reference) = &request.reference {
             stages.begin("register")?;
@@ -200,7 +198,7 @@ impl Estimator {
         Ok(Estimate {
             world_from_object: prepared.world_from_local * local_from_object,
             order,
-            score: score.trust(prepared.outward) * if ambiguous { AMBIGUOUS } else { 1.0 },
+            score: prepared.trust(&score) * if ambiguous { AMBIGUOUS } else { 1.0 },
             explained: detection.explained,
             covariance,
             unobservable,
@@ -272,7 +270,7 @@ impl Estimator {
         let candidates =
             vec![Found { proposal, order, hypothesis: order.unwrap_or(Order::Continuous), explained: 0.0 }];
         Ok(match self.settle(&prepared, &candidates, stages.control()) {
-            Ok(settled) if settled.score.trust(prepared.outward) >= least => {
+            Ok(settled) if prepared.trust(&settled.score) >= least => {
                 Ok(Aligned { prepared, candidates, settled })
             }
             Ok(_) | Err(Error::NoSymmetry { .. }) => Err(prepared),
@@ -325,6 +323,10 @@ impl Estimator {
             .collect()
     }
 }
+
+/// Where a plane was to be removed in any case.
+const NO_GROUND: &str =
+    "ground = \"on\", but no plane has what is near it on one side and touching it; none was removed";
 
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;

@@ -10,19 +10,20 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::axis_frame;
 use crate::symmetry::order::Order;
 
-/// The pose on `axis`; of the equivalent ones the one nearest in rotation to `preferred`, if there is one.
+/// The pose on `axis`, and its heading \[rad\]; of the equivalent ones the one nearest in rotation to `preferred`, if there
+/// is one.
 pub(crate) fn place(
     axis: &Axis,
     height: f64,
     heading: f64,
     order: Order,
     preferred: Option<Isometry3<f64>>,
-) -> Isometry3<f64> {
+) -> (Isometry3<f64>, f64) {
     let pose = |angle: f64| {
         let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         axis_frame(axis) * Isometry3::from_parts(Vector3::new(0.0, 0.0, height).into(), about_axis)
     };
-    let Some(preferred) = preferred else { return pose(heading) };
+    let Some(preferred) = preferred else { return (pose(heading), heading) };
     let (steps, start) = match order {
         Order::Cyclic(n) => (n, heading),
         _ => {
@@ -33,7 +34,8 @@ pub(crate) fn place(
     };
     let angles = (0..steps).map(|k| start + std::f64::consts::TAU * f64::from(k) / f64::from(steps));
     let away = |angle: &f64| pose(*angle).rotation.angle_to(&preferred.rotation);
-    pose(angles.min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(heading))
+    let nearest = angles.min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(heading);
+    (pose(nearest), nearest)
 }
 
 /// Height above the point of the axis at which it meets a plane; `None` when it runs along the plane.

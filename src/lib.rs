@@ -80,6 +80,7 @@ pub mod schema;
 pub mod spatial;
 mod stages;
 pub mod symmetry;
+mod viewpoints;
 pub use cloud::PointCloud;
 pub use config::Config;
 pub use control::{CancelToken, Control};

@@ -16,6 +16,7 @@ use crate::scene::{Scene, enough};
 use crate::spatial::KdTree;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
+use crate::symmetry::score::MatchScore;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::visibility::Visibility;
@@ -49,6 +50,11 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
+    /// How far to trust an axis about which this became of the rotated points, in [0, 1].
+    pub(crate) fn trust(&self, score: &MatchScore) -> f64 {
+        score.trust(self.visibility.is_some())
+    }
+
     /// Whether a single view, whose place is known, shows all there is.
     pub(crate) fn one_view(&self) -> bool {
         self.visibility.as_ref().is_some_and(|visibility| visibility.views() == 1)
@@ -75,8 +81,7 @@ pub(crate) fn prepare(
     let scene = Scene::new(cloud, config)?;
 
     stages.begin("ground")?;
-    let params = GroundParams { seed: config.seed, ..config.plane.clone() };
-    let ground = find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground)?;
+    let ground = find_support(&scene, config)?;
     let (part, mut region) = match &ground {
         Some(Ground { kept, reason, removed, .. }) => {
             stages.text("ground", reason);
@@ -262,6 +267,21 @@ pub(crate) fn prepare(
         outward,
         toward_sensors,
     })
+}
+
+/// The plane that the part stands on; its `kept` and `removed` are of the points of `scene`.
+fn find_support(scene: &Scene, config: &Config) -> Result<Option<Ground>> {
+    let params = GroundParams { seed: config.seed, ..config.plane.clone() };
+    let find = |scene: &Scene| find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground);
+    let within = find(scene)?;
+    let Some(roi) = config.roi.filter(|_| within.is_none()) else { return Ok(within) };
+    // A box about the part leaves so little of its support that this looks like a face of the part.
+    let around = scene.with_surroundings(roi);
+    Ok(find(&around)?.and_then(|ground| {
+        let kept = scene.shared(&around, &ground.kept);
+        let removed = scene.points.len() - kept.len();
+        enough("ground", kept.len()).is_ok().then_some(Ground { kept, removed, ..ground })
+    }))
 }
 
 /// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.

@@ -14,6 +14,7 @@ use crate::preprocess::{
 };
 use crate::resolution::width;
 use crate::symmetry::visibility::Visibility;
+use crate::viewpoints::join_places;
 
 /// Fewest points of a surface in which an axis is looked for.
 const MIN_POINTS: usize = 50;
@@ -26,6 +27,8 @@ pub(crate) struct Scene<'a> {
     inverse: Isometry3<f64>,
     /// Where the sensor stood.
     pub(crate) places: Vec<Vector3<f64>>,
+    /// For each place of the cloud its number among these.
+    group_of_place: Vec<u32>,
     pub(crate) points: Vec<[f64; 3]>,
     /// Row of each point in the cloud.
     pub(crate) rows: Vec<u32>,
@@ -66,13 +69,40 @@ impl<'a> Scene<'a> {
             frame,
             inverse: frame.inverse(),
             places: Vec::new(),
+            group_of_place: Vec::new(),
             points: Vec::new(),
             rows,
             normals,
         };
         scene.points = cropped.par_iter().with_min_len(CHUNK).map(|p| scene.local(*p)).collect();
-        scene.places = cloud.viewpoints().places.iter().map(|place| scene.local(*place).into()).collect();
+        let places: Vec<Vector3<f64>> =
+            cloud.viewpoints().places.iter().map(|place| scene.local(*place).into()).collect();
+        // The frame begins at the centroid of the points.
+        (scene.places, scene.group_of_place) = join_places(&places, &Vector3::zeros());
         Ok(scene)
+    }
+
+    /// What lies in the region of interest and around it, half as far again as it is large, in the same frame.
+    pub(crate) fn with_surroundings(&self, roi: [[f64; 3]; 2]) -> Self {
+        let [lower, upper] = roi.map(|corner| Vector3::from(corner) - Vector3::from(self.cloud.origin()));
+        let margin = Vector3::repeat(0.5 * (upper - lower).max());
+        let all = self.cloud.local_points();
+        let rows = within(all, [lower - margin, upper + margin]);
+        Self {
+            points: rows.iter().map(|&row| self.local(all[row as usize])).collect(),
+            rows,
+            normals: None,
+            places: self.places.clone(),
+            group_of_place: self.group_of_place.clone(),
+            ..*self
+        }
+    }
+
+    /// The points that are also among the points `kept` of another scene of the cloud.
+    pub(crate) fn shared(&self, other: &Self, kept: &[u32]) -> Vec<u32> {
+        let mut is_kept = vec![false; self.cloud.len()];
+        kept.iter().for_each(|&i| is_kept[other.rows[i as usize] as usize] = true);
+        (0_u32..).zip(&self.rows).filter(|(_, row)| is_kept[**row as usize]).map(|(i, _)| i).collect()
     }
 
     /// Turns a point of the cloud into the frame of the scene.
@@ -99,8 +129,13 @@ impl<'a> Scene<'a> {
         self.places.iter().map(|place| (*place).into()).collect()
     }
 
+    /// Number of the place that point `i` was seen from.
     fn place_of(&self, i: usize) -> usize {
-        self.cloud.viewpoints().place_of(self.rows[i] as usize)
+        self.place_of_row(self.rows[i] as usize)
+    }
+
+    fn place_of_row(&self, row: usize) -> usize {
+        self.group_of_place.get(self.cloud.viewpoints().place_of(row)).map_or(0, |&group| group as usize)
     }
 
     /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part
@@ -141,7 +176,7 @@ impl<'a> Scene<'a> {
             Some(_) => self.local(self.cloud.local_points()[left[i] as usize]).into(),
         };
         let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
-        let place_of = |i: usize| self.cloud.viewpoints().place_of(row(i) as usize);
+        let place_of = |i: usize| self.place_of_row(row(i) as usize);
         let is_of_part = |i: usize| is_of_part.is_empty() || is_of_part[left[i] as usize];
         Visibility::new(left.len(), point, &self.places, place_of, is_of_part)
     }

@@ -27,6 +27,9 @@ const NO_LOSS: f64 = 0.01;
 /// The same in coarser maps: as many are missing about the edges of what any sensor sees.
 const EDGES: f64 = 0.04;
 
+/// Returns in other views that tell what is missing, at least [points of the part].
+const OVERLAP: f64 = 0.3;
+
 /// Cosine between the normal of a surface and the direction to a camera below which it is seen at a grazing angle: it
 /// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
@@ -154,8 +157,8 @@ fn lost_share(views: &[DepthMap], part: &[Vector3<f64>]) -> f64 {
             _ => {}
         }
     }
-    // Each point came in its own view, which says nothing.
-    let others = f64::max(came - part.len() as f64, 0.0);
+    // Each point came in its own view, which says nothing; where views hardly overlap, what is missing lies at their edges.
+    let others = (came - part.len() as f64).max(OVERLAP * part.len() as f64);
     if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
