@@ -269,6 +269,9 @@ pub(crate) fn prepare(
     })
 }
 
+/// How far around a region of interest its support is looked for [extents of the region].
+const WIDER: [f64; 2] = [0.5, 2.0];
+
 /// The plane that the part stands on; its `kept` and `removed` are of the points of `scene`.
 fn find_support(scene: &Scene, config: &Config) -> Result<Option<Ground>> {
     let params = GroundParams { seed: config.seed, ..config.plane.clone() };
@@ -276,12 +279,15 @@ fn find_support(scene: &Scene, config: &Config) -> Result<Option<Ground>> {
     let within = find(scene)?;
     let Some(roi) = config.roi.filter(|_| within.is_none()) else { return Ok(within) };
     // A box about the part leaves so little of its support that this looks like a face of the part.
-    let around = scene.with_surroundings(roi);
-    Ok(find(&around)?.and_then(|ground| {
-        let kept = scene.shared(&around, &ground.kept);
-        let removed = scene.points.len() - kept.len();
-        enough("ground", kept.len()).is_ok().then_some(Ground { kept, removed, ..ground })
-    }))
+    for times in WIDER {
+        let around = scene.with_surroundings(roi, times);
+        if let Some(ground) = find(&around)? {
+            let kept = scene.shared(&around, &ground.kept);
+            let removed = scene.points.len() - kept.len();
+            return Ok(enough("ground", kept.len()).is_ok().then_some(Ground { kept, removed, ..ground }));
+        }
+    }
+    Ok(None)
 }
 
 /// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.

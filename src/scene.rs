@@ -82,10 +82,10 @@ impl<'a> Scene<'a> {
         Ok(scene)
     }
 
-    /// What lies in the region of interest and around it, half as far again as it is large, in the same frame.
-    pub(crate) fn with_surroundings(&self, roi: [[f64; 3]; 2]) -> Self {
+    /// What lies in the region of interest and around it, `times` as far as it is large, in the same frame.
+    pub(crate) fn with_surroundings(&self, roi: [[f64; 3]; 2], times: f64) -> Self {
         let [lower, upper] = roi.map(|corner| Vector3::from(corner) - Vector3::from(self.cloud.origin()));
-        let margin = Vector3::repeat(0.5 * (upper - lower).max());
+        let margin = Vector3::repeat(times * (upper - lower).max());
         let all = self.cloud.local_points();
         let rows = within(all, [lower - margin, upper + margin]);
         Self {

@@ -2,7 +2,7 @@
 //!
 //! A ray proves that space is free only up to the point that it measured; a direction without a return proves nothing.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Rotation2, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
 /// Views beyond this number add little evidence and cost time; the ones with most points are kept.
@@ -29,6 +29,9 @@ const EDGES: f64 = 0.04;
 
 /// Returns in other views that tell what is missing, at least [points of the part].
 const OVERLAP: f64 = 0.3;
+
+/// Distance of views that are strips of one, at most [distance to the part].
+const STRIPS: f64 = 0.1;
 
 /// Cosine between the normal of a surface and the direction to a camera below which it is seen at a grazing angle: it
 /// leaves few returns there, far from each other, which pass for strays or are lost.
@@ -89,7 +92,8 @@ impl Visibility {
         }
         let own = || (0..count).filter(|&i| is_of_part(i));
         let step = own().count().div_ceil(LOOKED_AT).max(1);
-        let part: Vec<Vector3<f64>> = own().step_by(step).map(&point_of).collect();
+        let part: Vec<[Vector3<f64>; 2]> =
+            own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
         if lost_share(&views, &part) < NO_LOSS {
             return Some(Self { views, dropout: 0.0, shows_details: true });
         }
@@ -143,13 +147,17 @@ impl Visibility {
     }
 }
 
-/// Returns that are missing for each that came, over some of the points of the part and all views.
+/// Returns that are missing for each that came, over some of the points of the part, each with the place that it was seen
+/// from, and all other views.
 ///
-/// Nothing is missing in the view that a point comes from, so that one view alone loses nothing.
-fn lost_share(views: &[DepthMap], part: &[Vector3<f64>]) -> f64 {
+/// Views from nearly the same place are strips of one: what is missing in one of them is in the next.
+fn lost_share(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
     let (mut missing, mut came) = (0.0, 0.0);
-    for (point, view) in part.iter().flat_map(|p| views.iter().map(move |v| (p, v))) {
+    for ([point, place], view) in part.iter().flat_map(|p| views.iter().map(move |v| (p, v))) {
         let range = (point - view.center).norm();
+        if (view.center - place).norm() < STRIPS * range {
+            continue;
+        }
         let margin = 3.0 * range / view.cells_per_slope;
         match view.at(point) {
             Some(cell) if cell.nearest.is_infinite() => missing += 1.0,
@@ -157,8 +165,8 @@ fn lost_share(views: &[DepthMap], part: &[Vector3<f64>]) -> f64 {
             _ => {}
         }
     }
-    // Each point came in its own view, which says nothing; where views hardly overlap, what is missing lies at their edges.
-    let others = (came - part.len() as f64).max(OVERLAP * part.len() as f64);
+    // Where views hardly overlap, what is missing lies at their edges.
+    let others = f64::max(came, OVERLAP * part.len() as f64);
     if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
@@ -202,7 +210,7 @@ impl DepthMap {
         let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
         let toward = middle.try_normalize(1e-9)?;
         let up = Vector3::ith(toward.iamin(), 1.0);
-        let camera_from_world = Rotation3::look_at_lh(&toward, &up).into_inner();
+        let camera_from_world = Rotation3::look_at_lh(&toward, &up);
         let limit = MAX_OFF_AXIS.tan();
         let project = |ray: Vector3<f64>| -> Option<([f64; 2], f32)> {
             let local = camera_from_world * ray;
@@ -212,10 +220,16 @@ impl DepthMap {
             let uv = [local.x / local.z, local.y / local.z];
             (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
         };
-        let projected: Vec<Vec<([f64; 2], f32)>> = indices
+        let mut projected: Vec<Vec<([f64; 2], f32)>> = indices
             .par_chunks(CHUNK)
             .map(|chunk| chunk.iter().map(ray).filter_map(project).collect())
             .collect();
+        let mut camera_from_world = camera_from_world;
+        if let Some(roll) = roll_of_strip(projected.iter().flatten().map(|(uv, _)| *uv)) {
+            let turn = Rotation2::new(-roll);
+            projected.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
+            camera_from_world = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
+        }
         let count: usize = projected.iter().map(Vec::len).sum();
         let mut lower = [f64::INFINITY; 2];
         let mut upper = [f64::NEG_INFINITY; 2];
@@ -240,7 +254,14 @@ impl DepthMap {
             *slot = slot.min(range);
         }
         let cells = with_neighbors(&nearest, size[0]);
-        Some(Self { center: *center, camera_from_world, cells_per_slope, first, size, cells })
+        Some(Self {
+            center: *center,
+            camera_from_world: camera_from_world.into_inner(),
+            cells_per_slope,
+            first,
+            size,
+            cells,
+        })
     }
 
     /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
@@ -295,6 +316,21 @@ impl DepthMap {
         };
         (seen, beside_missing)
     }
+}
+
+/// Angle of a picture that is a strip, as one of a sensor that measures line by line is, from the first axis \[rad\]; `None`
+/// for a picture that is wide: only about a strip a box that is askew would be nearly empty.
+fn roll_of_strip(places: impl Iterator<Item = [f64; 2]> + Clone) -> Option<f64> {
+    /// Length of a strip, at least \[widths\].
+    const ELONGATED: f64 = 4.0;
+    let count = places.clone().count() as f64;
+    let middle = places.clone().map(Vector2::from).sum::<Vector2<f64>>() / count;
+    let off = |place: [f64; 2]| Vector2::from(place) - middle;
+    let scatter: Matrix2<f64> = places.map(|place| off(place) * off(place).transpose()).sum();
+    let (half_difference, mixed) = (0.5 * (scatter[(0, 0)] - scatter[(1, 1)]), scatter[(0, 1)]);
+    let (half_trace, root) = (0.5 * scatter.trace(), half_difference.hypot(mixed));
+    let is_strip = half_trace + root > ELONGATED * ELONGATED * (half_trace - root);
+    is_strip.then(|| 0.5 * mixed.atan2(half_difference))
 }
 
 /// Looks around each cell of a map with rows of `width` cells.
