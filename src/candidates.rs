@@ -12,6 +12,7 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::propose::is_admitted;
 use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
@@ -81,6 +82,17 @@ impl Estimator {
             // Where no order is known yet, the turns that brought the axis here hold it best.
             let start = candidate.order.unwrap_or(candidate.hypothesis);
             let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
+            // What begins near the hint may end elsewhere.
+            let within = self.hint(prepared);
+            if !is_admitted(
+                &refined.axis,
+                &surface.centroid,
+                prepared.diameter,
+                within,
+                &self.config().propose,
+            ) {
+                continue;
+            }
             let detection = self.detect(prepared, &refined.axis);
             let order = if declared == Order::Auto { detection.order } else { Some(declared) };
             let Some(order) = order else {
@@ -119,6 +131,11 @@ impl Estimator {
             }
         }
         best.map(|(_, settled)| settled).ok_or_else(|| no_symmetry(prepared, refusal))
+    }
+
+    /// The axis that the caller expects, in the frame of the surface.
+    pub(crate) fn hint(&self, prepared: &Prepared) -> Option<Vector3<f64>> {
+        self.config().axis_hint.map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint))
     }
 
     /// Finds the order about an axis.

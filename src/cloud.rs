@@ -28,6 +28,7 @@ pub struct PointCloud {
     points: Arc<Vec<[f64; 3]>>,
     input_index: Arc<Vec<u32>>,
     input_len: usize,
+    far: usize,
     origin: [f64; 3],
     viewpoints: Viewpoints,
     normals: Option<Vec<[f64; 3]>>,
@@ -73,6 +74,18 @@ impl PointCloud {
                 expected: "coordinates of at most 1e100 in magnitude",
             });
         }
+        let usual = usual_box(&points, [lower, upper]);
+        let mut far = 0;
+        let mut bounds = [lower, upper];
+        if let Some([least, most]) = usual {
+            let is_usual = |p: &[f64; 3]| (0..3).all(|axis| (least[axis]..=most[axis]).contains(&p[axis]));
+            far = points.iter().filter(|p| !is_usual(p)).count();
+            let mut rows = points.iter().map(is_usual);
+            input_index.retain(|_| rows.next().unwrap_or(true));
+            points.retain(is_usual);
+            bounds = finite_bounds(&points)?;
+        }
+        let [lower, upper] = bounds;
         let origin = std::array::from_fn(|axis| 0.5 * lower[axis] + 0.5 * upper[axis]);
         points.par_iter_mut().with_min_len(CHUNK).for_each(|p| {
             *p = [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
@@ -81,6 +94,7 @@ impl PointCloud {
             points: Arc::new(points),
             input_index: Arc::new(input_index),
             input_len,
+            far,
             origin,
             viewpoints: Viewpoints::default(),
             normals: None,
@@ -168,7 +182,14 @@ impl PointCloud {
     /// Number of input points that were left out because a coordinate was NaN or infinite.
     #[must_use]
     pub fn dropped(&self) -> usize {
-        self.input_len - self.points.len()
+        self.input_len - self.points.len() - self.far
+    }
+
+    /// Number of input points that were left out because they are hundreds of times as far away as the others: a number
+    /// that stands for no return, or a wild one. They would take all resolution from the rest.
+    #[must_use]
+    pub fn far(&self) -> usize {
+        self.far
     }
 
     /// World position of the local origin: the middle of the bounding box.
@@ -204,4 +225,23 @@ impl PointCloud {
     pub(crate) fn viewpoints(&self) -> &Viewpoints {
         &self.viewpoints
     }
+}
+
+/// The box beyond which points are far from all others; `None` where there are none such.
+fn usual_box(points: &[[f64; 3]], [lower, upper]: [[f64; 3]; 2]) -> Option<[[f64; 3]; 2]> {
+    /// Distance from the median [widest interquartile range].
+    const FAR: f64 = 100.0;
+    const LOOKED_AT: usize = 10_000;
+    let step = points.len().div_ceil(LOOKED_AT).max(1);
+    let quartiles: [[f64; 3]; 3] = std::array::from_fn(|axis| {
+        let mut values: Vec<f64> = points.iter().step_by(step).map(|p| p[axis]).collect();
+        let last = values.len() - 1;
+        [0.25, 0.5, 0.75]
+            .map(|share| *values.select_nth_unstable_by((share * last as f64) as usize, f64::total_cmp).1)
+    });
+    let reach = FAR * quartiles.iter().map(|[low, _, high]| high - low).fold(0.0, f64::max);
+    let [least, most] = [-reach, reach].map(|reach| quartiles.map(|[_, middle, _]| middle + reach));
+    let is_within = (0..3).all(|axis| least[axis] <= lower[axis] && upper[axis] <= most[axis]);
+    // Where half of the points coincide nothing can be told.
+    (reach > 0.0 && !is_within).then_some([least, most])
 }

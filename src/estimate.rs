@@ -35,7 +35,8 @@ pub struct Request {
     /// Cancellation, deadline and progress.
     pub control: Control,
     /// Refine from this `world_from_object` only, on fewer points ([`TrackingParams`]); on all of them where the
-    /// score is low, and search when that fails.
+    /// score is low, and search when that fails. The axis keeps its sign, and of the equivalent poses the nearest is
+    /// returned, unless another is preferred.
     pub initial: Option<Isometry3<f64>>,
     /// Among the equivalent poses return the one nearest to this `world_from_object`.
     pub prefer: Option<Isometry3<f64>>,
@@ -126,6 +127,12 @@ impl Estimator {
         };
         let surface = &prepared.surface;
         let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
+        if cloud.far() > 0 {
+            warnings.push(format!(
+                "far points left out, a hundred times as far away as the scan is wide: {}",
+                cloud.far()
+            ));
+        }
         if config.ground == GroundMode::On && prepared.ground.is_none() {
             warnings.push(NO_GROUND.to_owned());
         }
@@ -142,7 +149,9 @@ impl Estimator {
         let framing = refined.scattered(FRAMING, prepared.voxel_size);
         let folded = fold(&framing, &found.axis, order, prepared.voxel_size);
         let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
-        let (axis, sign_rule) = decide_sign(&found.axis, up, prepared.toward_sensors, &folded);
+        let in_local = |pose: Isometry3<f64>| prepared.world_from_local.inverse() * pose;
+        let previous = request.initial.map(|pose| in_local(pose) * Vector3::z());
+        let (axis, sign_rule) = decide_sign(&found.axis, previous, up, prepared.toward_sensors, &folded);
         let folded =
             if axis == found.axis { folded } else { fold(&framing, &axis, order, prepared.voxel_size) };
         let completion = complete(&refined.points, &axis, order, prepared.voxel_size);
@@ -169,7 +178,7 @@ impl Estimator {
         stages.series("order_evidence", &detection.against);
         stages.series("yaw_histogram", &heading.histogram);
 
-        let preferred = request.prefer.map(|pose| prepared.world_from_local.inverse() * pose);
+        let preferred = request.prefer.or(request.initial).map(in_local);
         let (local_from_object, angle) = place(&axis, height, heading.angle, order, preferred);
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let radius = 0.5 * prepared.diameter;
@@ -288,7 +297,7 @@ impl Estimator {
         let context = SearchContext {
             diameter: prepared.diameter,
             hints: &hints,
-            within: config.axis_hint.map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint)),
+            within: self.hint(&prepared),
             visibility: prepared.visibility.as_ref(),
             propose: &config.propose,
             detect: &config.detect,
@@ -376,7 +385,7 @@ fn register(
             center: world_from_object.translation.vector.into(),
             explained: detection.explained,
             score: registered.overlap,
-            reason,
+            reason: format!("the scan does not fit the reference: {reason}"),
         };
         return Err(Error::NoSymmetry { evidence });
     }

@@ -74,10 +74,14 @@ pub(crate) fn prepare(
     stages: &mut Stages,
 ) -> Result<Prepared> {
     if config.non_finite == NonFinite::Error && cloud.dropped() > 0 {
-        return Err(Error::NonFinite { count: cloud.dropped(), total: cloud.dropped() + cloud.len() });
+        return Err(Error::NonFinite {
+            count: cloud.dropped(),
+            total: cloud.dropped() + cloud.far() + cloud.len(),
+        });
     }
     stages.number("input_points", cloud.len() as f64);
     stages.number("non_finite_points", cloud.dropped() as f64);
+    stages.number("far_points", cloud.far() as f64);
     let scene = Scene::new(cloud, config)?;
 
     stages.begin("ground")?;

@@ -130,9 +130,9 @@ fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
             Some(format!("order {declared} was declared, but the data is explained better by order {found}"))
         }
         (declared, None) => Some(format!(
-            "order {declared} was declared, but no rotational symmetry explains the data: at most {:.0} % of the \
-             observed surface agrees",
-            100.0 * detection.explained
+            "order {declared} was declared; left open, no order would have been accepted: the best one leaves {:.0} % of \
+             the observed surface unexplained",
+            100.0 * (1.0 - detection.explained)
         )),
     }
 }

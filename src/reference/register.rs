@@ -106,6 +106,10 @@ impl Reference {
     /// # Errors
     /// When the work is cancelled.
     pub(crate) fn register(&self, scan: &Scan, control: &Control) -> Result<Registered> {
+        // A search over a part of another size would take as much longer as that is larger.
+        if let Some(reason) = self.difference(scan) {
+            return Ok(Registered::misfit(scan, reason));
+        }
         let revolves = self.order() == Order::Continuous;
         let judged = scan.samples.strided(JUDGED);
         let mut flips: Vec<Vec<Place>> = Vec::new();
@@ -263,30 +267,46 @@ impl Reference {
         if scan.visibility.is_some() && agreement >= CONFIRMED { MIN_OVERLAP_ONE_SIDED } else { MIN_OVERLAP }
     }
 
-    /// Why the scan shows another part, if it does.
-    fn misfit(&self, scan: &Scan, overlap: f64, agreement: f64) -> Option<String> {
+    /// Why the scan cannot show the part that was taught, wherever it lies: another order or size.
+    fn difference(&self, scan: &Scan) -> Option<String> {
         let [scanned, ..] = reach(&moved(&scan.samples.points, &scan.scan_from_object.inverse()));
         let [taught, ..] = reach(&self.surface.samples.points);
         let ratio = scanned / taught;
-        let different = |what: String| Some(format!("the scan does not fit the reference: {what}"));
         if scan.order != self.order() {
-            return different(format!("order {}, but the reference has {}", scan.order, self.order()));
+            return Some(format!("order {}, but the reference has {}", scan.order, self.order()));
         }
-        if !(LARGEST_RATIO.recip()..=LARGEST_RATIO).contains(&ratio) {
-            return different(format!("its radius is {ratio:.2} times that of the reference"));
-        }
+        (!(LARGEST_RATIO.recip()..=LARGEST_RATIO).contains(&ratio)).then(|| {
+            format!("its radius is {ratio:.3} times that of the reference; the unit must be the same")
+        })
+    }
+
+    /// Why the scan shows another part where it fits best, if it does.
+    fn misfit(&self, scan: &Scan, overlap: f64, agreement: f64) -> Option<String> {
         let percent = 100.0 * overlap;
         if overlap < self.least_overlap(scan, agreement) {
-            return different(format!(
+            return Some(format!(
                 "{percent:.0} % of its points lie on it, {:.0} % should",
                 100.0 * MIN_OVERLAP
             ));
         }
-        if agreement < MIN_OVERLAP {
-            let percent = 100.0 * agreement;
-            return different(format!("it shows only {percent:.0} % of the surface that should be in sight"));
+        let percent = 100.0 * agreement;
+        (agreement < MIN_OVERLAP)
+            .then(|| format!("it shows only {percent:.0} % of the surface that should be in sight"))
+    }
+}
+
+impl Registered {
+    /// That of another part.
+    fn misfit(scan: &Scan, reason: String) -> Self {
+        Self {
+            scan_from_object: scan.scan_from_object,
+            covariance: [[0.0; 6]; 6],
+            unobservable: Vec::new(),
+            overlap: 0.0,
+            sigma: 0.0,
+            warnings: Vec::new(),
+            misfit: Some(reason),
         }
-        None
     }
 }
 

@@ -16,6 +16,8 @@ use crate::symmetry::order::Order;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SignRule {
+    /// That of the pose from before: a stream of poses must not turn over.
+    Previous,
     /// Away from the support plane.
     Ground,
     /// Toward the sensors, which all stand on one side.
@@ -32,13 +34,15 @@ const DECISIVE_COSINE: f64 = 0.3;
 /// Skewness along the axis below which the shape does not decide its sign.
 const DECISIVE_SKEWNESS: f64 = 0.05;
 
-/// Points the axis away from the ground, toward the sensors, or by the shape; says which rule decided.
+/// Points the axis the way it pointed before, away from the ground, toward the sensors, or by the shape; says which rule
+/// decided.
 ///
-/// `up` is the unit normal of the support plane toward the part; `toward_sensors` the mean unit direction from the part
+/// `previous` is the direction of an earlier pose; `up` is the unit normal of the support plane toward the part; `toward_sensors` the mean unit direction from the part
 /// to the sensors, short when they stand all round.
 #[must_use]
 pub fn decide_sign(
     axis: &Axis,
+    previous: Option<Vector3<f64>>,
     up: Option<Vector3<f64>>,
     toward_sensors: Option<Vector3<f64>>,
     folded: &Folded,
@@ -46,9 +50,13 @@ pub fn decide_sign(
     let direction = axis.direction.into_inner();
     let along = |v: Vector3<f64>| v.dot(&direction);
     let skewness = skewness(folded);
-    let (sign, rule) = match (up.map(along), toward_sensors.map(along)) {
-        (Some(cosine), _) if cosine.abs() > DECISIVE_COSINE => (cosine, SignRule::Ground),
-        (_, Some(cosine)) if cosine.abs() > DECISIVE_COSINE => (cosine, SignRule::Sensors),
+    let decisive = |direction: Option<Vector3<f64>>| {
+        direction.map(along).filter(|cosine| cosine.abs() > DECISIVE_COSINE)
+    };
+    let (sign, rule) = match (decisive(previous), decisive(up), decisive(toward_sensors)) {
+        (Some(cosine), ..) => (cosine, SignRule::Previous),
+        (_, Some(cosine), _) => (cosine, SignRule::Ground),
+        (_, _, Some(cosine)) => (cosine, SignRule::Sensors),
         _ if skewness.abs() > DECISIVE_SKEWNESS => (skewness, SignRule::Shape),
         _ => (direction[direction.iamax()], SignRule::Arbitrary),
     };

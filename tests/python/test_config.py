@@ -79,6 +79,9 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     [
         {"ground": "maybe"},
         {"voxel_size": -1.0},
+        {"refine": {"gate": -1.0}},
+        {"propose": {"directions": 10**9}},
+        {"detect": {"max_order": 3000}},
         {"voxel_size": 0.0},
         {"voxel_size": float("nan")},
         {"voxel_size": float("inf")},

@@ -32,3 +32,36 @@ def test_yaw_and_origin_repeat(name: str) -> None:
     away = [np.degrees(2.0 * np.pi / order) * (step - round(step)) for step in steps]
     assert max(away) - min(away) < 0.3
     assert np.ptp(heights) < 0.01
+
+
+@pytest.mark.parametrize("sectors", [1, 2])
+def test_the_covariance_turns_with_the_pose_that_is_preferred(sectors: int) -> None:
+    seen = scan(part("propeller_5"), views=3, seed=1)
+    cloud = {"scene": seen.scene.points, "viewpoints": seen.scene.viewpoints, "order": 5}
+    found = sympose.estimate(**cloud)
+    angle = sectors * 2.0 * np.pi / 5.0
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    wanted = found.pose.copy()
+    wanted[:3, :3] = wanted[:3, :3] @ turn
+    preferred = sympose.estimate(**cloud, prefer=wanted)
+    np.testing.assert_allclose(preferred.pose, wanted, atol=1e-9)
+    both = np.kron(np.eye(2), turn)
+    largest = found.covariance.max()
+    np.testing.assert_allclose(preferred.covariance, both.T @ found.covariance @ both, atol=1e-6 * largest)
+    assert not np.allclose(preferred.covariance, found.covariance, atol=1e-3 * found.covariance[0, 0])
+
+
+@pytest.mark.parametrize("over", [False, True])
+@pytest.mark.parametrize("sectors", [0, 1, 3])
+def test_a_stream_of_poses_neither_jumps_nor_turns_over(sectors: int, over: bool) -> None:
+    seen = scan(part("propeller_5"), "upper", views=3, seed=1)
+    cloud = {"scene": seen.scene.points, "viewpoints": seen.scene.viewpoints, "order": 5}
+    pose = sympose.estimate(**cloud).pose
+    angle = np.radians(1.1) + sectors * 2.0 * np.pi / 5.0
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    before = pose.copy()
+    before[:3, :3] = before[:3, :3] @ turn @ np.diag([1.0, -1.0, -1.0] if over else [1.0, 1.0, 1.0])
+    found = sympose.estimate(**cloud, initial=before)
+    assert found.axis @ before[:3, 2] > 0.999
+    # Turned over, the part has another yaw; within a sector it must be near in any case.
+    assert found.pose[:3, 0] @ before[:3, 0] > np.cos(np.radians(2.0 if not over else 36.1))

@@ -1,0 +1,82 @@
+"""What lies outside: of the region of interest, of the cone about a hint, and far away from all the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sympose
+
+for library in ("trimesh", "manifold3d", "embreex"):
+    pytest.importorskip(library)
+
+from scipy.spatial.transform import Rotation  # noqa: E402
+
+from sympose.datasets import Scan, part, scan  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def hub() -> Scan:
+    return scan(part("wheel_hub_5"), "sphere", views=3, seed=1)
+
+
+@pytest.mark.parametrize("margin", [0.02, 0.15])
+@pytest.mark.parametrize(("name", "views", "seed"), [("propeller_4", 1, 3), ("gear_12", 3, 4), ("flange_8", 2, 3)])
+def test_a_tight_region_keeps_the_support_apart(name: str, views: int, seed: int, margin: float) -> None:
+    scanned = scan(part(name), "table", views=views, seed=seed)
+    own = scanned.scene.points[scanned.label_of_point == 0]
+    box = [own.min(axis=0) - margin, own.max(axis=0) + margin]
+    found = sympose.estimate(scanned.scene, views=(), roi=box)
+    assert found.order == part(name).order
+    assert found.ground is not None
+    assert found.score > 0.7
+    inside = np.all((scanned.scene.points >= box[0]) & (scanned.scene.points <= box[1]), axis=1)
+    assert inside[found.inliers].all()
+    assert (scanned.label_of_point[found.inliers] == 0).mean() > 0.98
+
+
+def test_a_plane_that_is_asked_for_and_not_there_is_said(hub: Scan) -> None:
+    config = sympose.Config(ground="on")
+    found = sympose.estimate(hub.scene.points, viewpoints=hub.scene.viewpoints, order=5, config=config)
+    assert (found.ground is None) == any("ground" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("off_deg", [20.0, 40.0])
+def test_no_axis_is_returned_beyond_reach_of_the_hint(hub: Scan, off_deg: float) -> None:
+    across = np.cross(hub.axis, [0.3, 0.2, 0.9])
+    turn = Rotation.from_rotvec(np.radians(off_deg) * across / np.linalg.norm(across))
+    hint = turn.apply(hub.axis)
+    cloud = {"scene": hub.scene.points[::3], "viewpoints": hub.scene.viewpoints[::3], "axis_hint": hint}
+    if off_deg < 30.0:
+        assert sympose.estimate(**cloud).order == 5
+        return
+    with pytest.raises(sympose.NoSymmetryError):
+        sympose.estimate(**cloud)
+    # Of a declared order there may be an axis within reach, but none to act on; nor does an earlier pose lead out of it.
+    for initial in (None, hub.world_from_object):
+        found = sympose.estimate(**cloud, order=5, initial=initial)
+        assert abs(found.axis @ hint) > np.cos(np.radians(30.1))
+        assert found.score < 0.5
+
+
+@pytest.mark.parametrize("far", [-9999.0, 1e5, 1e10, 3.4e38])
+def test_a_wild_point_changes_nothing(hub: Scan, far: float) -> None:
+    points, viewpoints = hub.scene.points[::3], hub.scene.viewpoints
+    assert viewpoints is not None
+    viewpoints = viewpoints[::3]
+    exact = sympose.estimate(points, viewpoints=viewpoints)
+    found = sympose.estimate(
+        np.vstack([[[far, far, far]], points]), viewpoints=np.vstack([viewpoints[:1], viewpoints])
+    )
+    assert found.diagnostics["far_points"] == 1
+    assert any("far points" in warning for warning in found.warnings)
+    np.testing.assert_allclose(found.pose, exact.pose, atol=1e-6)
+    np.testing.assert_array_equal(found.inliers, exact.inliers + 1)
+
+
+def test_points_that_stand_for_no_return_are_left_out(hub: Scan) -> None:
+    points = hub.scene.points[::3]
+    sentinels = np.full((len(points) // 10, 3), 65.535)
+    found = sympose.estimate(np.vstack([points, sentinels]), order=5)
+    assert found.diagnostics["far_points"] == len(sentinels)
+    assert abs(found.axis @ hub.axis) > np.cos(np.radians(0.1))
