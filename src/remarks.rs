@@ -130,7 +130,7 @@ fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
             Some(format!("order {declared} was declared, but the data is explained better by order {found}"))
         }
         (declared, None) => Some(format!(
-            "order {declared} was declared; left open, no order would have been accepted: the best one leaves {:.0} % of \
+            "order {declared} was declared, but left open none would have been accepted: the best one leaves {:.0} % of \
              the observed surface unexplained",
             100.0 * (1.0 - detection.explained)
         )),
