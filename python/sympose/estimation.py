@@ -106,7 +106,10 @@ def estimate(
     warnings: list[str] = []
     if views:
         watch = _Watch(timeout, progress)
+        finite = _finite(source.points, settings)
         foreground, warnings = _segmented(source.points, views, settings.seed, watch)
+        # No view sees points that are not finite; they go on, to be counted among those that are dropped.
+        foreground |= ~finite
         timeout, progress = watch.remaining(), watch.progress
     return _core.estimate(
         source.points,
@@ -136,6 +139,18 @@ def _as_scene(scene: SceneLike) -> Scene:
             if hasattr(scene, name):
                 return Scene(as_points(getattr(scene, name), f"scene.{name}"))
     return Scene(as_points(cast(ArrayLike, scene), "scene"))
+
+
+def _finite(points: NDArray[np.float64], settings: Config) -> NDArray[np.bool_]:
+    """Which points are finite; refuses others before the segmentation where the settings ask for that."""
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    bad = int((~finite).sum())
+    if bad and settings.non_finite == "error":
+        raise InvalidInputError(
+            f"{bad} of {len(points)} points have a NaN or infinite coordinate; remove them, or leave "
+            'non_finite at "drop"'
+        )
+    return finite
 
 
 class _Watch:
