@@ -83,7 +83,12 @@ def test_help_knows_the_commands_of_both_languages(command: str, capfd: pytest.C
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["help", "demo"], ["dataset", "--help"], ["dataset", "propeller_3", "{out}", "--views", "1"]],
+    [
+        ["--help"],
+        ["help", "demo"],
+        ["dataset", "--help"],
+        ["dataset", "propeller_3", "{out}", "--views", "1"],
+    ],
     ids=" ".join,
 )
 def test_a_closed_pipe_is_no_error(tmp_path: Path, arguments: list[str]) -> None:

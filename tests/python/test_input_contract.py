@@ -139,6 +139,16 @@ def test_points_that_are_not_finite_are_dropped_and_indices_kept(part: Part) -> 
         estimate(points, part, config=Config(non_finite="error"))
 
 
+def test_masked_points_are_dropped_or_refused(part: Part) -> None:
+    points = np.ma.array(np.vstack([part.points, part.points[:50] + 9.0]))
+    points[len(part.points) :] = np.ma.masked
+    found = estimate(points, part)
+    assert bytes_of(found) == bytes_of(estimate(part.points, part))
+    assert found.diagnostics["non_finite_points"] == 50
+    with pytest.raises(InvalidInputError, match="50 of"):
+        sympose.voxel_downsample(points, 0.1)
+
+
 def test_far_from_the_origin_nothing_is_lost(part: Part, estimate: sympose.Estimate) -> None:
     offset = np.array([4.5e6, -5.4e6, 250.0])
     found = sympose.estimate(part.points + offset, order=ORDER, viewpoints=part.viewpoint + offset)
