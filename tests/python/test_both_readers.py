@@ -204,6 +204,39 @@ def test_what_both_refuse(tmp_path: Path, text: str, capfd: pytest.CaptureFixtur
     assert "cloud.csv" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_ply_with_line_ends_of_other_systems(tmp_path: Path, encoding: str, end: str) -> None:
+    names = "".join(f"property double {name}\n" for name in "xyz")
+    header = f"ply\nformat {encoding} 1.0\nelement vertex 60\n{names}end_header\n".replace("\n", end)
+    body = rows(POINTS).replace("\n", end).encode() if encoding == "ascii" else POINTS.astype("<f8").tobytes()
+    (tmp_path / "cloud.ply").write_bytes(header.encode() + body)
+    np.testing.assert_array_equal(same(tmp_path / "cloud.ply").points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("viewpoint", "known"),
+    [
+        ("nan nan nan nan nan nan nan", False),
+        ("nan nan nan 1 0 0 0", False),
+        ("0 inf 0 1 0 0 0", False),
+        ("1 2 3 nan nan nan nan", True),
+    ],
+)
+@pytest.mark.parametrize("height", [1, 4])
+def test_a_pcd_sensor_that_is_not_finite_is_unknown(
+    tmp_path: Path, viewpoint: str, known: bool, height: int
+) -> None:
+    header = (
+        f"VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {60 // height}\n"
+        f"HEIGHT {height}\nVIEWPOINT {viewpoint}\nPOINTS 60\nDATA binary\n"
+    )
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + POINTS.tobytes())
+    scene = same(tmp_path / "cloud.pcd")
+    np.testing.assert_array_equal(scene.points, POINTS)
+    assert (scene.viewpoints is not None) == known
+
+
 @pytest.mark.parametrize("suffix", ["ply", "pcd", "xyz", "txt", "csv"])
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 @pytest.mark.parametrize("with_normals", [False, True])
