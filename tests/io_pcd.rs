@@ -169,6 +169,8 @@ fn an_organised_cloud_has_its_sensor_at_the_origin() {
     assert_eq!(parse(moved.as_bytes()).viewpoint, Some([0.5, -1.0, 2000.0]));
     let turned = SMALL.replace("1 0 0 0\nPOINTS", "0 1 0 0\nPOINTS");
     assert_eq!(parse(turned.as_bytes()).viewpoint, Some([0.0; 3]));
+    let unknown = SMALL.replace("VIEWPOINT 0 0 0 1 0 0 0", "VIEWPOINT nan nan nan nan nan nan nan");
+    assert_eq!(parse(unknown.as_bytes()).viewpoint, None);
     let silent = SMALL.replace("VIEWPOINT 0 0 0 1 0 0 0\n", "");
     assert_eq!(parse(silent.as_bytes()).viewpoint, None);
 }
@@ -189,7 +191,7 @@ fn damage_is_named() {
         ("DATA ascii", "DATA zipped", "DATA zipped: expected ascii, binary or binary_compressed"),
         ("HEIGHT 1\n", "", "no line HEIGHT"),
         ("VIEWPOINT 0 0 0", "VIEWPOINT 0 0", "VIEWPOINT 0 0 1 0 0 0: expected tx ty tz qw qx qy qz"),
-        ("VIEWPOINT 0 0 0", "VIEWPOINT 0 nan 0", "expected tx ty tz qw qx qy qz"),
+        ("VIEWPOINT 0 0 0", "VIEWPOINT 0 here 0", "expected tx ty tz qw qx qy qz"),
         ("DATA ascii\n", "", "without a line DATA"),
     ] {
         assert!(SMALL.contains(from));

@@ -215,3 +215,13 @@ fn absurd_counts_are_refused_at_once() {
         assert!(reason(text.as_bytes()).contains("face"));
     }
 }
+
+#[test]
+fn lines_may_end_with_a_carriage_return_alone() {
+    let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+                end_header\n1 2 3\n4 5 6\n";
+    let expected = parse(text.as_bytes());
+    assert_eq!(expected.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+    assert_eq!(parse(text.replace('\n', "\r").as_bytes()), expected);
+    assert_eq!(parse(text.replace('\n', "\r\n").as_bytes()), expected);
+}

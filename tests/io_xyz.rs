@@ -24,6 +24,11 @@ fn delimiters_headers_and_comments() {
         "X;Y;Z\n1;2,5;-300\n4;5;6\n",
         "\"z\",\"x\",\"time\",\"y\"\n-300,1,0,2.5\n# between\n6,4,0,5\n",
         "# x y z intensity\n1 2.5 -300 0\n4 5 6 0\n",
+        "label,x,y,z\n\"a; \"\"b\"\", c\",1,2.5,-300\nbolt,4,5,6\n",
+        "x,y,z,\n1,2.5,-300,\n4,5,6\n",
+        "x,time,y,z\n1,,2.5,-300\n4,noon,5,6\n",
+        "\"1\",\"2.5\", \"-300\"\n\"4\",\"5\",\"6\"\n",
+        "x y z\r1 2.5 -300\r4 5 6\r",
     ] {
         assert_eq!(io::parse(text.as_bytes(), "part.txt").unwrap(), expected, "{text:?}");
     }
@@ -54,7 +59,10 @@ fn damage_is_named() {
     for (text, expected) in [
         ("1 2 3\n4 5\n", "line 2: 2 columns, but 3 in the first row"),
         ("1 2 3\n4 five 6\n", "line 2: expected a row of numbers, found \"4 five 6\""),
-        ("1,2,\n", "line 1: expected a row of numbers"),
+        ("1,,2\n", "line 1: expected a row of numbers"),
+        ("1,2,\n", "3, 6 or 9 columns), found 2"),
+        ("x,y,z,label\n1,2,,a\n", "line 2: expected a row of numbers"),
+        ("x,y,z,label\n1,2,3\n", "the header names 4 columns (x, y, z, label), the rows have 3"),
         ("1 2\n3 4\n", "3, 6 or 9 columns), found 2"),
         ("1 2 3 900 0 -1\n4 5 6 0 0 0\n", "cannot tell what columns 4 to 6 are"),
         ("x y z\n1 2 3 4\n", "the header names 3 columns (x, y, z), the rows have 4"),

@@ -17,6 +17,8 @@ __all__ = ["as_floats", "as_points", "copy_points", "read_only"]
 def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return real numbers of any shape as a float64 array in C-order; copies only where it must.
 
+    What a masked array hides is NaN.
+
     Raises:
         InvalidInputError: `value` is ragged or does not hold real numbers.
     """
@@ -26,7 +28,8 @@ def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
 def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
     """Return `value` as a float64 array of shape (N, 3) in C-order; NaN is let through.
 
-    Any real dtype, memory order, stride and read-only array is accepted and gives the same result.
+    Any real dtype, memory order, stride and read-only array is accepted and gives the same result. What a
+    masked array hides is NaN.
 
     Raises:
         InvalidInputError: `value` is not numeric or not of shape (N, 3).
@@ -57,6 +60,9 @@ def _as_real(value: ArrayLike, name: str) -> NDArray[np.generic]:
         raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
     if array.dtype.kind not in "fiub":
         raise InvalidInputError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    if np.ma.is_masked(value):
+        # `asarray` shows the numbers under the mask.
+        return np.asarray(np.ma.filled(np.ma.asarray(value, np.float64), np.nan))
     return array
 
 

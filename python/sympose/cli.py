@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -30,18 +31,34 @@ _NO_POSE = (CancelledError, DeadlineExceededError, InsufficientDataError, NoSymm
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line on `argv`, or on the arguments of the process; returns the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    command = _COMMANDS.get(arguments[0]) if arguments else None
     try:
-        return _rust(arguments) if command is None else command.run(arguments[1:])
+        try:
+            return _run(arguments)
+        finally:
+            # Not left to the end of the process, where nothing could be done about a closed pipe.
+            sys.stdout.flush()
     except KeyboardInterrupt:
         sys.stderr.write("sympose: cancelled\n")
         return 130
     except _NO_POSE as error:
         sys.stderr.write(f"sympose: {error}\n")
         return 1
+    except BrokenPipeError:
+        # Whoever reads has seen enough. What is still in the buffer goes where it cannot fail.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (SymposeError, OSError, ImportError) as error:
         sys.stderr.write(f"sympose: {error}\n")
         return 2
+
+
+def _run(arguments: Sequence[str]) -> int:
+    match arguments:
+        case ["help", name] if name in _COMMANDS:
+            return _COMMANDS[name].run(["--help"])
+        case [name, *rest] if name in _COMMANDS:
+            return _COMMANDS[name].run(rest)
+    return _rust(arguments)
 
 
 def _rust(arguments: Sequence[str]) -> int:

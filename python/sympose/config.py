@@ -28,7 +28,10 @@ class Settings(Mapping[str, Any]):
         object.__setattr__(self, "_values", {name: _frozen(value) for name, value in values.items()})
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self._values:
+        # `_values` itself is asked for here while a copy has none yet.
+        if name.startswith("_"):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        if name not in self._values:
             raise AttributeError(_unknown(name, self._values))
         return self._values[name]
 
@@ -52,6 +55,9 @@ class Settings(Mapping[str, Any]):
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._values]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Settings, (dict(self._values),)
 
     def __repr__(self) -> str:
         return f"{{{', '.join(f'{name!r}: {value!r}' for name, value in self.items())}}}"

@@ -34,6 +34,8 @@ class _HasVertices(Protocol):
 SceneLike: TypeAlias = ArrayLike | str | PathLike[str] | Scene | _HasPoints | _HasVertices
 Progress: TypeAlias = Callable[[str, float], object]
 
+_SEGMENTATION = 0.2  # share of the whole that the segmentation is reported to be
+
 
 def estimate(
     scene: SceneLike,
@@ -77,7 +79,7 @@ def estimate(
         config: All other settings. An argument given here wins over the same setting in `config`.
         seed: Seed of everything random; 0 leaves that of `config`.
         threads: Worker threads, in a pool of its own; None: all cores. The result does not depend on it.
-        timeout: Seconds until `DeadlineExceededError`.
+        timeout: Seconds until `DeadlineExceededError`, segmentation included.
         progress: Called in this thread with the stage and the share of the whole that is done. An exception
             raised in it cancels the estimate and is raised here.
 
@@ -101,13 +103,15 @@ def estimate(
     settings = (config or Config()).replace(**changes)
     source = _as_scene(scene)
     views = source.views if views is None else tuple(views)
-    started = time.perf_counter()
-    foreground, warnings = _segmented(source.points, views, settings.seed, progress)
-    elapsed = time.perf_counter() - started
-    if views and timeout is not None and timeout > 0.0:
-        timeout -= elapsed
-        if timeout <= 0.0:
-            raise DeadlineExceededError(f"the deadline passed during segmentation (after {elapsed:.3f} s)")
+    foreground: NDArray[np.bool_] | None = None
+    warnings: list[str] = []
+    if views:
+        watch = _Watch(timeout, progress)
+        finite = _finite(source.points, settings)
+        foreground, warnings = _segmented(source.points, views, settings.seed, watch)
+        # No view sees points that are not finite; they go on, to be counted among those that are dropped.
+        foreground |= ~finite
+        timeout, progress = watch.remaining(), watch.progress
     return _core.estimate(
         source.points,
         config=settings.to_json(),
@@ -138,17 +142,62 @@ def _as_scene(scene: SceneLike) -> Scene:
     return Scene(as_points(cast(ArrayLike, scene), "scene"))
 
 
-def _segmented(
-    points: NDArray[np.float64], views: Sequence[View], seed: int, progress: Progress | None
-) -> tuple[NDArray[np.bool_] | None, list[str]]:
-    """The mask of the foreground, or None without views, and what the segmentation warns of."""
-    if not views:
-        return None, []
-    from sympose.segmentation import segment
+def _finite(points: NDArray[np.float64], settings: Config) -> NDArray[np.bool_]:
+    """Which points are finite; refuses others before the segmentation where the settings ask for that."""
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    bad = int((~finite).sum())
+    if bad and settings.non_finite == "error":
+        raise InvalidInputError(
+            f"{bad} of {len(points)} points have a NaN or infinite coordinate; remove them, or leave "
+            'non_finite at "drop"'
+        )
+    return finite
 
-    if progress is not None:
-        progress("segment", 0.0)
-    segmentation = segment(points, views, seed=seed)
+
+class _Watch:
+    """Deadline and progress of a call of which the segmentation is the first part."""
+
+    def __init__(self, timeout: float | None, progress: Progress | None) -> None:
+        if timeout is not None and not timeout > 0.0:
+            raise InvalidInputError(f"timeout = {timeout}: expected a positive number of seconds, or None")
+        self._timeout, self._listener = timeout, progress
+        self._started = time.perf_counter()
+
+    def heed(self, share: float) -> None:
+        """Report how much of the segmentation is done, and look at the clock."""
+        if self._listener is not None:
+            self._listener("segment", _SEGMENTATION * share)
+        self.remaining()
+
+    def remaining(self) -> float | None:
+        """Return the seconds that are left for the rest, or None where there is no deadline.
+
+        Raises:
+            DeadlineExceededError: None is left.
+        """
+        if self._timeout is None:
+            return None
+        elapsed = time.perf_counter() - self._started
+        if elapsed >= self._timeout:
+            raise DeadlineExceededError(f"the deadline passed during segmentation (after {elapsed:.3f} s)")
+        return self._timeout - elapsed
+
+    @property
+    def progress(self) -> Progress | None:
+        """What the stages after the segmentation report to."""
+        listener = self._listener
+        if listener is None:
+            return None
+        return lambda stage, share: listener(stage, _SEGMENTATION + (1.0 - _SEGMENTATION) * share)
+
+
+def _segmented(
+    points: NDArray[np.float64], views: Sequence[View], seed: int, watch: _Watch
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """The mask of the foreground, and what the segmentation warns of."""
+    from sympose.segmentation import segment_heeding
+
+    segmentation = segment_heeding(watch.heed, points, views, seed=seed)
     if not segmentation.mask.any():
         raise InsufficientDataError(
             f"segmentation: none of the {len(points)} points is foreground in the {len(views)} views; "

@@ -26,7 +26,7 @@ class Scene:
     memory with what was passed in.
 
     Attributes:
-        points: (N, 3) float64. NaN points (of organised clouds) are let through.
+        points: (N, 3) float64. NaN points (of organised clouds) are let through; masked ones become NaN.
         colors: (N, 3) uint8, or None. Integers from 0 to 255 are taken as they are, floats from 0 to 1 are
             scaled.
         normals: (N, 3) float64, or None.
@@ -94,8 +94,8 @@ class Scene:
 
         Args:
             depth: (H, W) integers or floats, or the path of a 16-bit or float image (PNG, TIFF). It is the
-                distance along the optical axis. Pixels that are zero, negative or not finite hold no
-                measurement and are dropped.
+                distance along the optical axis. Pixels that are zero, negative, not finite or masked (of a
+                masked array) hold no measurement and are dropped.
             camera: Its size must be that of the image.
             world_from_camera: (4, 4) pose of the camera; the camera frame itself where it is not given.
             depth_scale: Factor from the numbers in the image to the unit of length: 0.001 turns a PNG in
@@ -132,7 +132,7 @@ class Scene:
         valid = np.isfinite(image) & (image > 0.0)
         rows, columns = np.nonzero(valid)
         if len(rows) == 0:
-            raise InvalidInputError("depth has no valid pixel: all are zero, negative or not finite")
+            raise InvalidInputError("depth has no valid pixel: all are zero, negative, not finite or masked")
         view = View(camera, np.eye(4) if world_from_camera is None else world_from_camera, name)
         points = camera.unproject(np.stack([columns, rows], axis=1), image[valid] * depth_scale)
         # The corners of the image can lie beyond the reach of the distortion model.
@@ -142,7 +142,7 @@ class Scene:
         if color is not None:
             if isinstance(color, (str, PathLike)):
                 color = _read_image(color, (), "a colour image", convert="RGB")
-            rgb = np.asarray(color)
+            rgb = _unmasked(color, "color")
             if rgb.shape != (*image.shape, 3):
                 raise InvalidInputError(
                     f"color must have shape {(*image.shape, 3)} like depth, got {rgb.shape}"
@@ -217,8 +217,16 @@ def _as_viewpoints(value: ArrayLike, count: int) -> NDArray[np.float64]:
     return _as_rows(viewpoints, "viewpoints", count)
 
 
+def _unmasked(value: ArrayLike, name: str) -> NDArray[Any]:
+    if np.ma.is_masked(value):
+        raise InvalidInputError(
+            f"{name} has masked values, and no colour means none; fill them before, with {name}.filled(0)"
+        )
+    return np.asarray(value)
+
+
 def _as_colors(value: ArrayLike, count: int) -> NDArray[np.uint8]:
-    array = np.asarray(value)
+    array = _unmasked(value, "colors")
     colors = _as_rows(array, "colors", count)
     if array.dtype == np.uint8:
         return np.ascontiguousarray(array)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from sympose.mixture import DepthSample, ViewMixture, fit_mixture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Segmentation", "ViewMixture", "segment"]
+__all__ = ["Segmentation", "ViewMixture", "segment", "segment_heeding"]
 
 _SAMPLE_SIZE = 40_000  # points of a view that the fits and the checks of a cut look at
 _MAX_ROUNDS = 4
@@ -116,20 +117,50 @@ def segment(
         >>> bool(result.mask[:2000].all()), bool(result.mask[2000:].any())
         (True, False)
     """
+    return segment_heeding(
+        lambda _share: None,
+        points,
+        views,
+        max_components=max_components,
+        min_views=min_views,
+        seed=seed,
+    )
+
+
+def segment_heeding(
+    heed: Callable[[float], object],
+    points: ArrayLike,
+    views: Sequence[View],
+    *,
+    max_components: int = 5,
+    min_views: int | None = None,
+    seed: int = 0,
+) -> Segmentation:
+    """Do what `segment` does; before each view of each round call `heed` with the share that is done.
+
+    What `heed` raises ends the segmentation.
+    """
     cloud = as_points(points)
     views = tuple(views)
     _check(cloud, views, max_components, min_views, seed)
+    # All views are projected and fitted once, and again in each round.
+    steps = itertools.count()
+    total = len(views) * 2 * (1 + _MAX_ROUNDS)
     finite = np.asarray(np.isfinite(cloud).all(axis=1))
     seen = np.zeros(len(cloud), dtype=np.int64)
     samples = []
     for k, view in enumerate(views):
+        heed(next(steps) / total)
         pixels, _, visible = view.project(cloud)
         seen += visible
         samples.append(_Sample.draw(cloud, view, pixels, visible, np.random.default_rng([seed, k])))
     needed = (seen + 1) // 2 if min_views is None else np.full_like(seen, min_views)
 
     mask: NDArray[np.bool_] = finite & (seen >= (0 if min_views is None else min_views))
-    mixtures = [fit_mixture(sample.where(mask), max_components=max_components) for sample in samples]
+    mixtures = []
+    for sample in samples:
+        heed(next(steps) / total)
+        mixtures.append(fit_mixture(sample.where(mask), max_components=max_components))
     foreground = seen.copy()
     notes: list[str] = []
     fresh = [k for k, mixture in enumerate(mixtures) if mixture.threshold is not None]
@@ -139,6 +170,7 @@ def segment(
             break
         votes = foreground.copy()
         for k in fresh:
+            heed(next(steps) / total)
             limit = float(mixtures[k].threshold or np.inf)
             _, depth, visible = views[k].project(cloud)
             votes -= visible & (depth > limit) & (depth <= limits[k])
@@ -153,6 +185,7 @@ def segment(
         removed, mask, foreground = mask & ~smaller, smaller, votes
         fresh = []
         for k, sample in enumerate(samples):
+            heed(next(steps) / total)
             # A view that saw hardly any of what was removed would fit the same again.
             if removed[sample.index].sum() > _FEW * len(sample.index):
                 mixture = fit_mixture(sample.where(mask), max_components=max_components)

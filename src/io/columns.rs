@@ -9,6 +9,13 @@ pub(super) struct Roles {
     pub(super) colors: Option<[usize; 3]>,
 }
 
+impl Roles {
+    /// The columns that hold something.
+    pub(super) fn used(&self) -> Vec<usize> {
+        [Some(self.points), self.normals, self.colors].into_iter().flatten().flatten().collect()
+    }
+}
+
 /// How the numbers of a colour are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kind {

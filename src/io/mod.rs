@@ -7,7 +7,7 @@
 //!   in PCL's `camera` element is the viewpoint unless it is the origin.
 //! - PCD: ascii, binary and binary_compressed. The position in VIEWPOINT is that of the sensor. The default
 //!   `0 0 0 1 0 0 0` also stands in clouds that have none, so it counts as a sensor at the origin only where the cloud is
-//!   organised (HEIGHT > 1), that is an image of one sensor.
+//!   organised (HEIGHT > 1), that is an image of one sensor. One that is not finite is unknown.
 //! - Text: one point a line; see [`read`].
 
 mod columns;
@@ -91,8 +91,9 @@ impl Format {
 ///
 /// Text holds one point a line, in columns parted by blanks, tabs, commas or semicolons (with semicolons, a comma is a
 /// decimal comma). Lines that start with `#` or `//` are comments. A header line, also as a comment, names the columns:
-/// x y z, nx ny nz or normal_x normal_y normal_z, r g b or red green blue, in any order; others are ignored. Without a
-/// header there are 3, 6 or 9 columns: x y z, then normals or colours or both, told by their values.
+/// x y z, nx ny nz or normal_x normal_y normal_z, r g b or red green blue, in any order; others are ignored, and may hold
+/// text or nothing. Without a header there are 3, 6 or 9 columns: x y z, then normals or colours or both, told by their
+/// values. Cells may be quoted; what is empty after the last delimiter of a line is no column.
 ///
 /// ```
 /// # let folder = tempfile::tempdir().unwrap();

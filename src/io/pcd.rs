@@ -39,7 +39,9 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
         scan.colors = packed_colors(&table);
     }
     let [x, y, z, ..] = header.viewpoint;
-    if header.viewpoint != DEFAULT_VIEWPOINT || header.height > 1 {
+    // Some programs write NaN for a sensor that they know nothing of.
+    let known = [x, y, z].iter().all(|coordinate| coordinate.is_finite());
+    if known && (header.viewpoint != DEFAULT_VIEWPOINT || header.height > 1) {
         scan.viewpoint = Some([x, y, z]);
     }
     Ok(scan)
@@ -90,8 +92,8 @@ fn header(content: &[u8]) -> Result<(Header, &[u8]), String> {
     }
     let viewpoint = find("VIEWPOINT").map_or(Ok(DEFAULT_VIEWPOINT), |values| {
         let parsed: Result<Vec<f64>, _> = values.iter().map(|value| value.parse()).collect();
-        let finite = parsed.ok().filter(|numbers| numbers.iter().all(|x| x.is_finite()));
-        finite
+        parsed
+            .ok()
             .and_then(|numbers| numbers.try_into().ok())
             .ok_or_else(|| format!("VIEWPOINT {}: expected tx ty tz qw qx qy qz", values.join(" ")))
     })?;

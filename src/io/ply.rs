@@ -28,13 +28,16 @@ struct Element {
 
 /// Reads the vertices. All elements are walked through, so that a truncated file is noticed.
 pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
+    // Lines end as the first one does; in files of old Macs with CR alone.
+    let alone = content.starts_with(b"ply\r") && !content.starts_with(b"ply\r\n");
+    let end = if alone { b'\r' } else { b'\n' };
     let mut rest = content;
-    let (encoding, elements) = header(&mut rest)?;
+    let (encoding, elements) = header(&mut rest, end)?;
     let mut scan = None;
     let mut viewpoint = None;
     for element in &elements {
         let table = match encoding {
-            Encoding::Ascii => text_rows(element, &mut rest)?,
+            Encoding::Ascii => text_rows(element, &mut rest, end)?,
             _ if element.properties.iter().any(|p| p.length.is_some()) => {
                 list_rows(element, encoding == Encoding::BigEndian, &mut rest)?
             }
@@ -61,11 +64,11 @@ fn sensor(table: &Table) -> Option<[f64; 3]> {
     (position.iter().all(|x| x.is_finite()) && position != [0.0; 3]).then_some(position)
 }
 
-fn header(rest: &mut &[u8]) -> Result<(Encoding, Vec<Element>), String> {
+fn header(rest: &mut &[u8], end: u8) -> Result<(Encoding, Vec<Element>), String> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
     loop {
-        let line = next_line(rest).ok_or("the PLY header ends without a line end_header")?;
+        let line = next_line(rest, end).ok_or("the PLY header ends without a line end_header")?;
         let line = String::from_utf8_lossy(line);
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match (words.as_slice(), elements.last_mut()) {
@@ -172,10 +175,10 @@ fn list_rows(element: &Element, big_endian: bool, rest: &mut &[u8]) -> Result<Ta
     Ok(Table { bytes: Cow::Owned(bytes), big_endian, rows: element.count, fields: element.fields().0 })
 }
 
-fn text_rows(element: &Element, rest: &mut &[u8]) -> Result<Table<'static>, String> {
+fn text_rows(element: &Element, rest: &mut &[u8], end: u8) -> Result<Table<'static>, String> {
     let mut bytes = Vec::new();
     for row in 0..element.count {
-        let line = next_line(rest).ok_or_else(|| element.truncated(row))?;
+        let line = next_line(rest, end).ok_or_else(|| element.truncated(row))?;
         let line = String::from_utf8_lossy(line);
         let mut tokens = line.split_ascii_whitespace();
         let parsed: Option<()> = element.properties.iter().try_for_each(|property| match property.length {
@@ -195,13 +198,12 @@ fn text_rows(element: &Element, rest: &mut &[u8]) -> Result<Table<'static>, Stri
     Ok(Table { bytes: Cow::Owned(bytes), big_endian: false, rows: element.count, fields: element.fields().0 })
 }
 
-/// Takes a line without its end; `None` at the end of the file.
-fn next_line<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
+/// Takes a line without its `end`; `None` at the end of the file.
+fn next_line<'a>(rest: &mut &'a [u8], end: u8) -> Option<&'a [u8]> {
     if rest.is_empty() {
         return None;
     }
-    let end = rest.iter().position(|byte| *byte == b'\n');
-    let (line, after) = match end {
+    let (line, after) = match rest.iter().position(|byte| *byte == end) {
         Some(end) => (&rest[..end], &rest[end + 1..]),
         None => (*rest, &rest[rest.len()..]),
     };

@@ -8,61 +8,146 @@ use super::columns::{Kind, assemble, known_normals, list, roles, to_colors};
 pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
     let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
     let text = std::str::from_utf8(content).map_err(|error| format!("not a text file: {error}"))?;
-    let mut names: Option<Vec<String>> = None;
-    let mut delimiter = None;
-    let mut width = 0;
-    let mut numbers: Vec<f64> = Vec::new();
-    for (number, line) in (1..).zip(text.lines()) {
+    let mut header: Option<Header> = None;
+    let mut rows: Option<Rows> = None;
+    for (number, line) in (1..).zip(lines(text)) {
         let line = line.trim();
-        let comment = line.starts_with('#') || line.starts_with("//");
-        if comment || line.is_empty() {
+        if line.is_empty() || line.starts_with('#') || line.starts_with("//") {
             // A comment above the points may name the columns.
-            let title = split(line.trim_start_matches(['#', '/', ' ', '\t']));
-            if numbers.is_empty() && roles(&title).is_some() {
-                names = Some(title.into_iter().map(str::to_owned).collect());
+            let title = Header::of(line.trim_start_matches(['#', '/', ' ', '\t']));
+            if rows.is_none() && roles(&title.names).is_some() {
+                header = Some(title);
             }
             continue;
         }
-        if numbers.is_empty() {
-            let title = split(line);
-            if title.first().is_none_or(|token| token.replace(',', ".").parse::<f64>().is_err()) {
-                if names.is_some() {
-                    return Err(unexpected(number, line));
-                }
-                names = Some(title.into_iter().map(str::to_owned).collect());
-                continue;
+        if rows.is_none() && !is_row(line, header.as_ref()) {
+            if header.is_some() {
+                return Err(unexpected(number, line));
             }
-            delimiter = delimiter_of(line);
+            header = Some(Header::of(line));
+            continue;
         }
-        let before = numbers.len();
-        // As NumPy does, take what follows a # in a row for a comment.
-        let row = line.split('#').next().unwrap_or(line);
-        parse_row(row, delimiter, &mut numbers).ok_or_else(|| unexpected(number, line))?;
-        let found = numbers.len() - before;
-        if before == 0 {
-            width = found;
+        if rows.is_none() {
+            rows = Some(Rows::like(line, header.take())?);
         }
-        if found != width {
-            return Err(format!("line {number}: {found} columns, but {width} in the first row"));
+        if let Some(rows) = &mut rows {
+            rows.push(number, line)?;
         }
     }
-    if numbers.is_empty() {
+    let Some(rows) = rows else {
         let shown: String = text.trim().chars().take(40).collect();
         return Err(format!("expected rows of numbers x y z, found {shown:?}"));
-    }
-    let columns = |trio: [usize; 3]| -> Vec<[f64; 3]> {
-        numbers.chunks_exact(width).map(|row| trio.map(|column| row[column])).collect()
     };
-    match names {
-        Some(names) if names.len() != width => {
-            let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            Err(format!("the header names {} columns ({}), the rows have {width}", names.len(), list(&names)))
+    rows.scan()
+}
+
+/// Lines, whether they end with LF, CR and LF, or CR alone.
+fn lines(text: &str) -> impl Iterator<Item = &str> {
+    text.split('\n').flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'))
+}
+
+/// The line that names the columns.
+struct Header<'a> {
+    names: Vec<&'a str>,
+    delimiter: Option<char>,
+}
+
+impl<'a> Header<'a> {
+    fn of(line: &'a str) -> Self {
+        let delimiter = delimiter_of(line, None);
+        let mut names = Vec::new();
+        split(line, delimiter, &mut names);
+        if delimiter.is_some() && names.last().is_some_and(|name| name.is_empty()) {
+            names.pop();
         }
-        Some(names) => {
-            let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            assemble(&names, |_| Kind::Real, columns)
+        Self { names, delimiter }
+    }
+}
+
+/// Whether a line is the first row: below names of the columns, or beginning with a number.
+fn is_row(line: &str, header: Option<&Header>) -> bool {
+    header.is_some_and(|header| roles(&header.names).is_some()) || {
+        let Header { names: cells, .. } = Header::of(line);
+        cells.first().is_some_and(|cell| cell.replace(',', ".").parse::<f64>().is_ok())
+    }
+}
+
+/// The numbers of the columns that are used.
+struct Rows<'a> {
+    names: Option<Vec<&'a str>>,
+    delimiter: Option<char>,
+    /// Cells of a row.
+    width: usize,
+    /// Columns that are used.
+    used: Vec<usize>,
+    numbers: Vec<f64>,
+    /// Those of the row at hand, kept for its memory.
+    cells: Vec<&'a str>,
+}
+
+impl<'a> Rows<'a> {
+    /// None yet, of the form that `first` has.
+    fn like(first: &'a str, header: Option<Header<'a>>) -> Result<Self, String> {
+        let delimiter = delimiter_of(first, header.as_ref().and_then(|header| header.delimiter));
+        let names = header.map(|header| header.names);
+        let mut rows =
+            Self { names, delimiter, width: 0, used: Vec::new(), numbers: Vec::new(), cells: Vec::new() };
+        rows.split(first);
+        let found = rows.cells.len();
+        rows.width = found;
+        let Some(names) = &rows.names else {
+            rows.width -= usize::from(rows.has_open_end());
+            rows.used = (0..rows.width).collect();
+            return Ok(rows);
+        };
+        rows.width = names.len();
+        rows.used =
+            roles(names).ok_or_else(|| format!("expected columns x y z, found {}", list(names)))?.used();
+        if found != rows.width && !(found == rows.width + 1 && rows.has_open_end()) {
+            let width = names.len();
+            return Err(format!("the header names {width} columns ({}), the rows have {found}", list(names)));
         }
-        None => unnamed(width, columns),
+        Ok(rows)
+    }
+
+    fn split(&mut self, line: &'a str) {
+        // As NumPy does, take what follows a # in a row for a comment.
+        let row = line.split('#').next().unwrap_or(line).trim_end();
+        split(row, self.delimiter, &mut self.cells);
+    }
+
+    /// Whether the row at hand ends with its delimiter.
+    fn has_open_end(&self) -> bool {
+        self.delimiter.is_some() && self.cells.last().is_some_and(|cell| cell.is_empty())
+    }
+
+    fn push(&mut self, number: usize, line: &'a str) -> Result<(), String> {
+        self.split(line);
+        if self.cells.len() == self.width + 1 && self.has_open_end() {
+            self.cells.pop();
+        }
+        let found = self.cells.len();
+        if found != self.width {
+            return Err(format!("line {number}: {found} columns, but {} in the first row", self.width));
+        }
+        for &column in &self.used {
+            let cell = self.cells[column];
+            let parsed = match self.delimiter {
+                Some(';') => cell.replace(',', ".").parse(),
+                _ => cell.parse(),
+            };
+            self.numbers.push(parsed.map_err(|_| unexpected(number, line))?);
+        }
+        Ok(())
+    }
+
+    fn scan(self) -> Result<Scan, String> {
+        let columns = |trio: [usize; 3]| -> Vec<[f64; 3]> {
+            self.numbers.chunks_exact(self.used.len()).map(|row| trio.map(|column| row[column])).collect()
+        };
+        let Some(names) = &self.names else { return unnamed(self.width, columns) };
+        let used: Vec<&str> = self.used.iter().map(|&column| names[column]).collect();
+        assemble(&used, |_| Kind::Real, columns)
     }
 }
 
@@ -71,27 +156,39 @@ fn unexpected(number: usize, line: &str) -> String {
     format!("line {number}: expected a row of numbers, found {shown:?}")
 }
 
-/// `None`: blanks.
-fn delimiter_of(line: &str) -> Option<char> {
-    [';', ','].into_iter().find(|delimiter| line.contains(*delimiter))
+/// The delimiter of a line, where it has it the `likely` one. `None`: blanks.
+fn delimiter_of(line: &str, likely: Option<char>) -> Option<char> {
+    likely.into_iter().chain([';', ',']).find(|delimiter| line.contains(*delimiter))
 }
 
-fn split(line: &str) -> Vec<&str> {
-    match delimiter_of(line) {
-        Some(delimiter) => line.split(delimiter).map(|token| token.trim().trim_matches('"')).collect(),
-        None => line.split_whitespace().map(|token| token.trim_matches('"')).collect(),
+/// Takes a line apart. A quoted cell may hold the delimiter; blanks and quotes about a cell are no part of it.
+fn split<'a>(line: &'a str, delimiter: Option<char>, cells: &mut Vec<&'a str>) {
+    cells.clear();
+    match delimiter {
+        None => cells.extend(line.split_whitespace().map(bare)),
+        Some(delimiter) if line.contains('"') => {
+            cells.extend(line.split(outside_quotes(delimiter)).map(bare))
+        }
+        Some(delimiter) => cells.extend(line.split(delimiter).map(str::trim)),
     }
 }
 
-fn parse_row(row: &str, delimiter: Option<char>, numbers: &mut Vec<f64>) -> Option<()> {
-    let mut push = |token: &str| {
-        numbers.push(token.parse().ok()?);
-        Some(())
-    };
-    match delimiter {
-        None => row.split_whitespace().try_for_each(push),
-        Some(';') => row.split(';').try_for_each(|token| push(&token.trim().replace(',', "."))),
-        Some(delimiter) => row.split(delimiter).try_for_each(|token| push(token.trim())),
+/// A cell without the blanks and quotes about it.
+fn bare(cell: &str) -> &str {
+    let cell = cell.trim();
+    cell.strip_prefix('"').map_or(cell, |quoted| quoted.strip_suffix('"').unwrap_or(quoted).trim())
+}
+
+/// Tells the delimiters that part cells from those within quotes. A quote counts at the start of a cell only, and doubled
+/// within one it stands for itself.
+fn outside_quotes(delimiter: char) -> impl FnMut(char) -> bool {
+    let (mut fresh, mut inside, mut closed) = (true, false, false);
+    move |c| {
+        let parts = c == delimiter && !inside;
+        let quote = c == '"';
+        (inside, closed) = (if quote { !inside && (fresh || closed) } else { inside }, quote && inside);
+        fresh = parts || (fresh && c == ' ');
+        parts
     }
 }
 

@@ -352,7 +352,7 @@ impl PyEstimate {
     }
 }
 
-/// An axis that was considered.
+/// An axis that was considered. All arrays are read-only.
 ///
 /// Attributes:
 ///     axis: (3,) unit direction.
@@ -362,16 +362,22 @@ impl PyEstimate {
 #[pyclass(frozen, module = "sympose", name = "Candidate")]
 pub(super) struct PyCandidate(Candidate);
 
+fn frozen<'py>(py: Python<'py>, vector: [f64; 3]) -> PyResult<Bound<'py, PyAny>> {
+    let array = arrays::vector(py, vector.to_vec()).into_any();
+    arrays::freeze(&array)?;
+    Ok(array)
+}
+
 #[pymethods]
 impl PyCandidate {
     #[getter]
-    fn axis<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        arrays::vector(py, self.0.axis.to_vec()).into_any()
+    fn axis<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        frozen(py, self.0.axis)
     }
 
     #[getter]
-    fn center<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        arrays::vector(py, self.0.center.to_vec()).into_any()
+    fn center<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        frozen(py, self.0.center)
     }
 
     #[getter]
@@ -382,6 +388,21 @@ impl PyCandidate {
     #[getter]
     fn score(&self) -> f64 {
         self.0.score
+    }
+
+    /// Make a candidate of its entry in the JSON of an estimate.
+    ///
+    /// Raises:
+    ///     InvalidInputError: The text is no candidate.
+    #[classmethod]
+    fn from_json(_class: &Bound<'_, PyType>, py: Python<'_>, text: &str) -> PyResult<Self> {
+        let candidate = serde_json::from_str(text)
+            .map_err(|error| errors::invalid_input(py, format!("the text is no candidate: {error}")))?;
+        Ok(Self(candidate))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        Ok((slf.get_type().getattr("from_json")?, (json::to_text(slf.py(), &slf.get().0)?,)))
     }
 
     fn __repr__(&self) -> String {

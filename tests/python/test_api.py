@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import json
 import pickle
@@ -113,6 +114,20 @@ def test_an_estimate_agrees_with_itself(part: Part, estimate: Estimate) -> None:
     scores = [candidate.score for candidate in estimate.candidates]
     assert scores == sorted(scores, reverse=True)
     assert all(seconds >= 0.0 for seconds in estimate.timings.values())
+
+
+def test_candidates_are_frozen_and_can_be_copied_and_pickled(estimate: Estimate) -> None:
+    assert estimate.candidates
+    for candidate in estimate.candidates:
+        for array in (candidate.axis, candidate.center):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 0.0
+        for twin in (copy.deepcopy(candidate), pickle.loads(pickle.dumps(candidate))):
+            assert (twin.order, twin.score) == (candidate.order, candidate.score)
+            assert twin.axis.tobytes() == candidate.axis.tobytes()
+            assert twin.center.tobytes() == candidate.center.tobytes()
+    with pytest.raises(InvalidInputError, match="no candidate"):
+        sympose.Candidate.from_json("{}")
 
 
 @pytest.mark.parametrize("name", ARRAYS)

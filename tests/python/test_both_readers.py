@@ -15,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sympose.cli import main
+from sympose.errors import InvalidInputError
 from sympose.io import read, write
 from sympose.scene import Scene
 
@@ -137,10 +138,12 @@ def test_pcd_of_pypcd4(tmp_path: Path, encoding: str, kind: type, sensor: tuple[
 
 
 def rows(*columns: NDArray[Any], delimiter: str = " ", decimal: str = ".") -> str:
-    table = [delimiter.join(map(str, row)) for row in np.hstack(columns).tolist()]
+    cells = zip(*(column.tolist() for column in columns), strict=True)
+    table = [delimiter.join(str(cell) for part in row for cell in part) for row in cells]
     return "\n".join(table).replace(".", decimal) + "\n"
 
 
+QUOTED = np.array([[f'"{number!r}"' for number in row] for row in POINTS.tolist()], dtype=object)
 TEXTS = {
     "bare.xyz": rows(POINTS),
     "normals_and_colors.txt": rows(POINTS, NORMALS, COLORS),
@@ -148,6 +151,23 @@ TEXTS = {
     "cloudcompare.txt": "//X Y Z R G B Nx Ny Nz\n" + rows(POINTS, COLORS, NORMALS),
     "labels.csv": "label,x,y,z\n" + rows(LABELS[:, None], POINTS, delimiter=","),
     "german.csv": "x;y;z;r;g;b\n" + rows(POINTS, COLORS, delimiter=";", decimal=","),
+    "text.csv": "x,y,z,label\n" + rows(POINTS, np.full((60, 1), "bolt no. 1"), delimiter=","),
+    "text_first.csv": "label,x,y,z\n" + rows(np.full((60, 1), "bolt"), POINTS, delimiter=","),
+    "quoted_text.csv": "label;x;y;z\n" + rows(np.full((60, 1), '"a ""b""; c"'), POINTS, delimiter=";"),
+    "text.xyz": "# x y z label\n" + rows(POINTS, np.full((60, 1), "bolt")),
+    "nothing.csv": "x,intensity,y,z\n"
+    + rows(POINTS[:, :1], np.full((60, 1), ""), POINTS[:, 1:], delimiter=","),
+    "open_ends.csv": "x,y,z\n" + rows(POINTS, delimiter=",").replace("\n", ",\n"),
+    "open_header.csv": "x,y,z,\n" + rows(POINTS, delimiter=","),
+    "open_ends_alone.csv": rows(POINTS, delimiter=",").replace("\n", ",\n"),
+    "open_ends_of_names.csv": "x,y,z,note,\n" + rows(POINTS, delimiter=",").replace("\n", ",,\n"),
+    "quoted.csv": '"x", "y", "z"\n' + rows(QUOTED, delimiter=", "),
+    "quoted_alone.csv": rows(QUOTED, delimiter=","),
+    "quoted.txt": rows(QUOTED),
+    "quoted_german.csv": rows(QUOTED, delimiter=";", decimal=","),
+    "remarks.csv": "x,y,z\n" + rows(POINTS, delimiter=",").replace("\n", " # seen\n// and\n\n"),
+    "twice.csv": "X,x,y,z\n" + rows(POINTS[:, :1], LABELS[:, None], POINTS[:, 1:], delimiter=","),
+    "old_mac.txt": "# x y z\r" + rows(POINTS).replace("\n", "\r"),
     "windows.csv": "\ufeff" + ("X\tY\tZ\n" + rows(POINTS, delimiter="\t")).replace("\n", "\r\n"),
 }
 
@@ -156,6 +176,65 @@ TEXTS = {
 def test_text(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text(TEXTS[name], encoding="utf-8", newline="")
     np.testing.assert_array_equal(same(tmp_path / name).points, POINTS)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z,label\n1,2,3\n",
+        "x,y,z\n1,2,3,4\n",
+        "x,y,z\n1,2,3,,\n",
+        "x,y,z\n1,2,3\n4,5\n",
+        "x,y,z,label\n1,2,,a\n",
+        "x,y,z,label\n1,2,b,a\n",
+        "x,y,label\n1,2,a\n",
+        "1,2,\n",
+        "1,2,3,a\n",
+        "1,,2,3\n",
+        'x,y,z,label\n1,2,3,"a\n4,5,6",b\n',
+        "a title\nx,y,z\n1,2,3\n",
+    ],
+)
+def test_what_both_refuse(tmp_path: Path, text: str, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "cloud.csv"
+    path.write_text(text)
+    with pytest.raises(InvalidInputError, match=r"cloud\.csv"):
+        read(path)
+    assert main(["info", str(path)]) == 2
+    assert "cloud.csv" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_ply_with_line_ends_of_other_systems(tmp_path: Path, encoding: str, end: str) -> None:
+    names = "".join(f"property double {name}\n" for name in "xyz")
+    header = f"ply\nformat {encoding} 1.0\nelement vertex 60\n{names}end_header\n".replace("\n", end)
+    body = rows(POINTS).replace("\n", end).encode() if encoding == "ascii" else POINTS.astype("<f8").tobytes()
+    (tmp_path / "cloud.ply").write_bytes(header.encode() + body)
+    np.testing.assert_array_equal(same(tmp_path / "cloud.ply").points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("viewpoint", "known"),
+    [
+        ("nan nan nan nan nan nan nan", False),
+        ("nan nan nan 1 0 0 0", False),
+        ("0 inf 0 1 0 0 0", False),
+        ("1 2 3 nan nan nan nan", True),
+    ],
+)
+@pytest.mark.parametrize("height", [1, 4])
+def test_a_pcd_sensor_that_is_not_finite_is_unknown(
+    tmp_path: Path, viewpoint: str, known: bool, height: int
+) -> None:
+    header = (
+        f"VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {60 // height}\n"
+        f"HEIGHT {height}\nVIEWPOINT {viewpoint}\nPOINTS 60\nDATA binary\n"
+    )
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + POINTS.tobytes())
+    scene = same(tmp_path / "cloud.pcd")
+    np.testing.assert_array_equal(scene.points, POINTS)
+    assert (scene.viewpoints is not None) == known
 
 
 @pytest.mark.parametrize("suffix", ["ply", "pcd", "xyz", "txt", "csv"])

@@ -69,6 +69,38 @@ def test_help_lists_the_commands_of_both_languages(capfd: pytest.CaptureFixture[
         assert f"  {command} " in output
 
 
+@pytest.mark.parametrize("command", ["demo", "view", "segment", "dataset", "evaluate", "estimate"])
+def test_help_knows_the_commands_of_both_languages(command: str, capfd: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = main(["help", command])
+    except SystemExit as ended:
+        code = ended.code
+    output = capfd.readouterr()
+    assert (code, output.err) == (0, "")
+    assert f"sympose {command} " in output.out
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["help", "demo"],
+        ["dataset", "--help"],
+        ["dataset", "propeller_3", "{out}", "--views", "1"],
+    ],
+    ids=" ".join,
+)
+def test_a_closed_pipe_is_no_error(tmp_path: Path, arguments: list[str]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "sympose", *(word.format(out=tmp_path / "a.xyz") for word in arguments)]
+    with os.fdopen(writer, "w") as closed:
+        result = subprocess.run(command, stdout=closed, stderr=subprocess.PIPE, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert (tmp_path / "a.xyz").exists() == ("{out}" in arguments)
+
+
 def test_dataset_writes_a_scan_and_its_truth(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     scan, truth = tmp_path / "scan.npy", tmp_path / "truth.json"
     assert main(["dataset", "propeller_3", str(scan), "--views", "1", "--truth", str(truth)]) == 0

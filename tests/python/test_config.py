@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
@@ -63,6 +64,14 @@ def test_a_group_keeps_its_other_defaults(group: str) -> None:
         Config(**{group: {"nonsense": 1}})
     with pytest.raises(InvalidInputError, match="group"):
         Config(**{group: 3})
+
+
+@pytest.mark.parametrize("group", groups())
+def test_a_group_can_be_copied_and_pickled(group: str) -> None:
+    settings = Config(outliers={"scattered": "off"})[group]
+    for twin in (copy.copy(settings), copy.deepcopy(settings), pickle.loads(pickle.dumps(settings))):
+        assert (twin, type(twin), hash(twin)) == (settings, type(settings), hash(settings))
+    assert copy.deepcopy({"settings": settings})["settings"] == settings
 
 
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:

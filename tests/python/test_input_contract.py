@@ -139,6 +139,16 @@ def test_points_that_are_not_finite_are_dropped_and_indices_kept(part: Part) -> 
         estimate(points, part, config=Config(non_finite="error"))
 
 
+def test_masked_points_are_dropped_or_refused(part: Part) -> None:
+    points = np.ma.array(np.vstack([part.points, part.points[:50] + 9.0]))
+    points[len(part.points) :] = np.ma.masked
+    found = estimate(points, part)
+    assert bytes_of(found) == bytes_of(estimate(part.points, part))
+    assert found.diagnostics["non_finite_points"] == 50
+    with pytest.raises(InvalidInputError, match="50 of"):
+        sympose.voxel_downsample(points, 0.1)
+
+
 def test_far_from_the_origin_nothing_is_lost(part: Part, estimate: sympose.Estimate) -> None:
     offset = np.array([4.5e6, -5.4e6, 250.0])
     found = sympose.estimate(part.points + offset, order=ORDER, viewpoints=part.viewpoint + offset)
@@ -252,7 +262,8 @@ def estimate_with_preference(part: Part, wanted: Points) -> sympose.Estimate:
     return sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, prefer=wanted)
 
 
-def test_views_segment_the_scene_first(part: Part) -> None:
+def seen_before_a_wall(part: Part) -> tuple[Scene, int]:
+    """The part before a wall as one view sees both, and how many points the wall has; they come first."""
     camera = PinholeCamera(320, 240, 500.0, 500.0, 159.5, 119.5)
     forward = part.world_from_object[:3, 3] - part.viewpoint
     distance = np.linalg.norm(forward)
@@ -266,8 +277,24 @@ def test_views_segment_the_scene_first(part: Part) -> None:
     rng = np.random.default_rng(0)
     wall = rng.uniform([0, 0, 3 * distance], [320, 240, 3.02 * distance], (4000, 3))
     wall = camera.unproject(wall[:, :2], wall[:, 2]) @ pose[:3, :3].T + part.viewpoint
-    scene = Scene(np.vstack([wall, part.points]), viewpoints=part.viewpoint, views=[view])
+    return Scene(np.vstack([wall, part.points]), viewpoints=part.viewpoint, views=[view]), len(wall)
+
+
+def test_views_segment_the_scene_first(part: Part) -> None:
+    scene, wall = seen_before_a_wall(part)
     found = sympose.estimate(scene, order=ORDER)
-    assert (found.inliers >= len(wall)).all()
+    assert (found.inliers >= wall).all()
     assert np.abs(scene.points[found.inliers] - found.points[found.point_of_inlier]).max() < 0.1
     assert abs(found.axis @ part.axis) > np.cos(np.radians(0.5))
+
+
+def test_with_views_too_points_that_are_not_finite_are_counted_or_refused(part: Part) -> None:
+    scene, wall = seen_before_a_wall(part)
+    lost = np.array([[np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]])
+    holed = Scene(np.vstack([lost, scene.points]), viewpoints=part.viewpoint, views=scene.views)
+    found, clean = sympose.estimate(holed, order=ORDER), sympose.estimate(scene, order=ORDER)
+    assert (found.diagnostics["non_finite_points"], clean.diagnostics["non_finite_points"]) == (2, 0)
+    assert np.array_equal(found.inliers, clean.inliers + 2)
+    assert bytes_of(found) == bytes_of(clean)
+    with pytest.raises(InvalidInputError, match=f"2 of {2 + wall + len(part.points)} points"):
+        sympose.estimate(holed, order=ORDER, config=Config(non_finite="error"))

@@ -40,6 +40,36 @@ def test_nan_points_pass():
     assert np.isnan(Scene([[np.nan] * 3, [0, 0, 0]]).points[0]).all()
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16])
+def test_what_a_mask_hides_is_nan(kind):
+    hidden = np.ma.masked_equal(POINTS.astype(kind), 4)
+    for array in (Scene(hidden).points, Scene(POINTS, normals=hidden).normals):
+        assert not isinstance(array, np.ma.MaskedArray)
+        np.testing.assert_array_equal(array, np.where(POINTS == 4, np.nan, POINTS))
+    nothing = np.ma.masked_equal(POINTS.astype(kind), 99)
+    np.testing.assert_array_equal(Scene(nothing).points, POINTS)
+
+
+def test_a_masked_pixel_is_no_return():
+    image = np.ma.masked_greater(depth_image(), 1.5)
+    scene = Scene.from_depth(image, CAMERA)
+    np.testing.assert_array_equal(scene.points, Scene.from_depth(image.filled(0.0), CAMERA).points)
+    assert 0 < len(scene) < image.size
+    millimetres = np.ma.masked_greater(np.rint(1000 * depth_image()).astype(np.uint16), 1500)
+    assert len(Scene.from_depth(millimetres, CAMERA, depth_scale=0.001)) == millimetres.count()
+    with pytest.raises(InvalidInputError, match="masked"):
+        Scene.from_depth(np.ma.masked_all((6, 8)), CAMERA)
+
+
+def test_masked_colors_are_refused():
+    colors = np.ma.masked_equal(np.arange(12, dtype=np.uint8).reshape(4, 3), 5)
+    with pytest.raises(InvalidInputError, match=r"colors\.filled"):
+        Scene(POINTS, colors)
+    image = np.ma.masked_equal(np.zeros((6, 8, 3), dtype=np.uint8), 0)
+    with pytest.raises(InvalidInputError, match=r"color\.filled"):
+        Scene.from_depth(depth_image(), CAMERA, color=image)
+
+
 @pytest.mark.parametrize(
     ("colors", "expected"),
     [

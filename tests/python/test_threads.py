@@ -12,11 +12,12 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
 import pytest
 
 import sympose
 from conftest import ORDER, Part, heed_ctrl_c, make_part
-from sympose import Config, DeadlineExceededError
+from sympose import Config, DeadlineExceededError, PinholeCamera, Scene, View, segment
 
 FINE = Config(ground="off", cluster="off", voxel_size=0.001)
 
@@ -93,6 +94,60 @@ def test_a_deadline_ends_the_call() -> None:
     assert time.perf_counter() - started < 1.5
     assert isinstance(caught.value, TimeoutError)
     assert result(make_part(500), timeout=1e9)
+
+
+def seen_by(part: Part, views: int) -> Scene:
+    """The part as cameras about the place of its sensor see it."""
+    camera = PinholeCamera(320, 240, 250.0, 250.0, 159.5, 119.5)
+    forward = part.world_from_object[:3, 3] - part.viewpoint
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    poses = []
+    for step in range(views):
+        pose[:3, 3] = part.viewpoint - 0.01 * step * forward
+        poses.append(pose.copy())
+    return Scene(part.points, viewpoints=part.viewpoint, views=[View(camera, pose) for pose in poses])
+
+
+def test_a_deadline_ends_the_segmentation() -> None:
+    scene = seen_by(make_part(20_000), 40)
+    started = time.perf_counter()
+    segment(scene.points, scene.views)
+    whole = time.perf_counter() - started
+    started = time.perf_counter()
+    with pytest.raises(DeadlineExceededError, match="segmentation"):
+        sympose.estimate(scene, order=ORDER, timeout=0.1 * whole)
+    assert time.perf_counter() - started < 0.6 * whole
+
+
+def test_the_segmentation_counts_against_the_timeout(part: Part) -> None:
+    def dawdle(stage: str, _share: float) -> None:
+        time.sleep(0.3 if stage == "segment" else 0.0)
+
+    with pytest.raises(DeadlineExceededError):
+        sympose.estimate(seen_by(part, 2), order=ORDER, timeout=1.0, progress=dawdle)
+    with pytest.raises(sympose.InvalidInputError, match="timeout = -1"):
+        sympose.estimate(seen_by(part, 2), order=ORDER, timeout=-1)
+
+
+def test_progress_rises_through_the_segmentation_and_can_end_it(part: Part) -> None:
+    scene, reports = seen_by(part, 3), []
+    sympose.estimate(scene, order=ORDER, progress=lambda stage, share: reports.append((stage, share)))
+    shares = [share for _, share in reports]
+    assert [stage for stage, _ in reports].count("segment") >= len(scene.views)
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1] <= 1.0) == (0.0, True)
+
+    def stop(_stage: str, share: float) -> None:
+        if share > 0.0:
+            raise KeyError(share)
+
+    with pytest.raises(KeyError) as caught:
+        sympose.estimate(scene, order=ORDER, progress=stop)
+    assert caught.value.args[0] == shares[1]
 
 
 INTERRUPTED = """

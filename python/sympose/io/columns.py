@@ -22,7 +22,9 @@ _NAMES = {
 
 def find_columns(names: Iterable[str]) -> dict[str, tuple[str, str, str]]:
     """Return which of the column names hold `points`, `normals` and `colors`; case does not matter."""
-    by_lower = {name.lower(): name for name in names}
+    by_lower: dict[str, str] = {}
+    for name in names:
+        by_lower.setdefault(name.lower(), name)
     found = {}
     for part, variants in _NAMES.items():
         for x, y, z in variants:

@@ -50,9 +50,9 @@ def read(path: str | os.PathLike[str]) -> Scene:
     - PLY: ascii and binary of both endians. Of a mesh, the vertices. Normals, colours; the position in PCL's
       `camera` element is the viewpoint unless it is the origin.
     - PCD: ascii, binary, binary_compressed. The position in VIEWPOINT is the viewpoint of all points. The
-    default
-      (0 0 0 1 0 0 0) also stands in clouds that have none, so it counts as a sensor at the origin only where
-      the cloud is organised (HEIGHT > 1), that is an image of one sensor.
+      default (0 0 0 1 0 0 0) also stands in clouds that have none, so it counts as a sensor at the origin
+      only where the cloud is organised (HEIGHT > 1), that is an image of one sensor. One that is not finite
+      is unknown.
     - XYZ, TXT, CSV: see `sympose.io.table`.
     - NPY: (N, 3) points, or (N, 6) with normals or colours.
     - NPZ: keys `points`, and optionally `normals`, `colors`, `viewpoints`; or `depth` (or `depth_m`) with

@@ -3,17 +3,20 @@
 One point a line; the columns are parted by blanks, tabs, commas or semicolons (with semicolons, a comma is a
 decimal comma). Lines that start with `#` or `//` are comments. A header line, also as a comment, names the
 columns: x y z, and nx ny nz or normal_x normal_y normal_z, and r g b or red green blue, in any order; others
-are ignored. Without a header there are 3, 6 or 9 columns: x y z, then normals or colours or both, told by
-their values.
+are ignored, and may hold text or nothing. Without a header there are 3, 6 or 9 columns: x y z, then normals
+or colours or both, told by their values. Cells may be quoted; what is empty after the last delimiter of a
+line is no column.
 """
 
 from __future__ import annotations
 
-import io
-import re
+import csv
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sympose.errors import InvalidInputError
 from sympose.io.columns import find_columns, known_normals, split_unnamed, to_colors
@@ -28,24 +31,17 @@ def read_table(path: Path) -> Scene:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InvalidInputError(f"{path}: not a text file (it is not UTF-8: {error.reason})") from error
-    names, delimiter, body = _split_header(text, path)
-    if delimiter == ";":
-        body = body.replace(",", ".")
-    try:
-        table = np.loadtxt(io.StringIO(body), delimiter=delimiter, ndmin=2)
-    except ValueError as error:
-        raise InvalidInputError(f"{path}: not a table of numbers: {error}") from error
+    layout, rows = _split_header(text, path)
+    names = layout.names
     if names is None:
-        columns = split_unnamed(table, str(path))
+        columns = split_unnamed(_numbers(rows, layout, range(layout.width), path), str(path))
     else:
         found = find_columns(names)
         if "points" not in found:
             raise InvalidInputError(f"{path}: the header names no columns x y z, only {', '.join(names)}")
-        if table.shape[1] != len(names):
-            raise InvalidInputError(
-                f"{path}: the header names {len(names)} columns, the rows have {table.shape[1]}"
-            )
-        columns = {part: table[:, [names.index(name) for name in trio]] for part, trio in found.items()}
+        used = [names.index(name) for trio in found.values() for name in trio]
+        table = _numbers(rows, layout, used, path)
+        columns = {part: table[:, 3 * k : 3 * k + 3] for k, part in enumerate(found)}
     return Scene(
         columns["points"],
         to_colors(columns.get("colors")),
@@ -80,29 +76,96 @@ def _write(path: Path, scene: Scene, delimiter: str, header_start: str) -> None:
         stream.writelines(delimiter.join(map(repr, row)) + "\n" for row in zip(*columns, strict=True))
 
 
-def _split_header(text: str, path: Path) -> tuple[list[str] | None, str | None, str]:
-    """Return the names of the columns, the delimiter (None: blanks), and the text from the first row on."""
+class _Layout(NamedTuple):
+    """How a table is written; without a delimiter its columns are parted by blanks."""
+
+    names: list[str] | None
+    delimiter: str | None
+    width: int
+    first: int
+    """Number of the line of the first row."""
+
+
+def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
+    """Return the layout, and the lines from the first row on."""
     names: list[str] | None = None
-    start = 0
-    for match in re.finditer(r"[^\n]*\n?", text):
-        line = match.group().strip()
+    likely: str | None = None
+    line = ""
+    lines = [line.strip() for line in text.split("\n")]
+    for k, line in enumerate(lines):
         comment = line.startswith(("#", "//"))
-        content = line.lstrip("#/ \t")
+        content = line.lstrip("#/ \t") if comment else line
         if not content:
-            if match.end() == len(text):
-                break
             continue
-        delimiter = ";" if ";" in content else "," if "," in content else None
-        tokens = [token.strip().strip('"') for token in content.split(delimiter)]
-        if not comment and _is_number(tokens[0].replace(",", ".")):
-            return names, delimiter, text[match.start() :]
-        if not comment or "points" in find_columns(tokens):
+        delimiter = _delimiter(content)
+        title = _without_open_end(_cells(content, delimiter), delimiter)
+        named = names is not None and "points" in find_columns(names)
+        if not comment and (named or _is_number(title[0].replace(",", "."))):
+            delimiter = _delimiter(content, likely)
+            row = _without_open_end(_cells(content.partition("#")[0], delimiter), delimiter)
+            return _Layout(names, delimiter, len(names or row), k + 1), lines[k:]
+        if not comment or "points" in find_columns(title):
             if names is not None and not comment:
                 break
-            names = tokens
-        start = match.end()
-    found = text[start : start + 40].strip() or text[:40].strip()
+            names, likely = title, delimiter
+    found = line[:40] or text.strip()[:40]
     raise InvalidInputError(f"{path}: expected rows of numbers x y z, found {found!r}")
+
+
+def _numbers(lines: list[str], layout: _Layout, used: Sequence[int], path: Path) -> NDArray[np.float64]:
+    """Read the columns that are used."""
+    rows = []
+    quoted = False
+    for number, line in enumerate(lines, start=layout.first):
+        if not line or line.startswith(("#", "//")):
+            continue
+        row = line.partition("#")[0].rstrip()
+        quoted = quoted or '"' in row
+        width = _width(row, layout)
+        if width != layout.width:
+            source = "in the first row" if layout.names is None else "named by the header"
+            raise InvalidInputError(f"{path}: line {number}: {width} columns, but {layout.width} {source}")
+        rows.append(row)
+    if quoted:
+        # NumPy minds quotes, but not behind a blank.
+        cells = (_cells(row, layout.delimiter) for row in rows)
+        rows = [(layout.delimiter or " ").join(row[column] for column in used) for row in cells]
+        used = range(len(used))
+    if layout.delimiter == ";":
+        rows = [row.replace(",", ".") for row in rows]
+    try:
+        return np.loadtxt(rows, delimiter=layout.delimiter, usecols=used, comments=None, ndmin=2)
+    except ValueError as error:
+        raise InvalidInputError(f"{path}: not a table of numbers: {error}") from error
+
+
+def _width(row: str, layout: _Layout) -> int:
+    """Number of columns in a row; what is empty after its last delimiter counts where one is missing."""
+    if layout.delimiter is None or '"' in row:
+        width = len(_cells(row, layout.delimiter))
+    else:
+        width = row.count(layout.delimiter) + 1
+    open_end = layout.delimiter is not None and row.endswith(layout.delimiter)
+    return width - 1 if open_end and width == layout.width + 1 else width
+
+
+def _delimiter(line: str, likely: str | None = None) -> str | None:
+    return next((delimiter for delimiter in (likely, ";", ",") if delimiter and delimiter in line), None)
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    """Take a line apart; a quoted cell may hold the delimiter."""
+    if delimiter is None:
+        return [cell[1:].removesuffix('"') if cell.startswith('"') else cell for cell in line.split()]
+    if '"' in line:
+        (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    else:
+        cells = line.split(delimiter)
+    return [cell.strip() for cell in cells]
+
+
+def _without_open_end(cells: list[str], delimiter: str | None) -> list[str]:
+    return cells[:-1] if delimiter is not None and not cells[-1] else cells
 
 
 def _is_number(token: str) -> bool:
