@@ -71,8 +71,8 @@ def estimate(
         roi: (2, 3) lower and upper corner; points outside are ignored.
         axis_hint: (3,) rough axis, sign ignored; the search stays within 30 degrees of it.
         initial: Pose to start from, (4, 4) or an earlier estimate: for tracking. It is refined on fewer
-            points (`Config.tracking`), below a score of 0.8 on all; only if that fails is the axis searched. The
-            axis keeps its sign, and without `prefer` the equivalent pose nearest to this one is returned.
+            points (`Config.tracking`), below a score of 0.8 on all; only if that fails is the axis searched.
+            The axis keeps its sign; without `prefer` the equivalent pose nearest to this one is returned.
         reference: A taught part, from `Estimate.as_reference`: the pose is found in its frame, which fixes
             the origin along the axis and the turn about it. Its order counts where none is given.
         prefer: (4, 4); among equivalent poses the one nearest to this is returned.

@@ -10,6 +10,8 @@ import sympose
 for library in ("trimesh", "manifold3d", "embreex"):
     pytest.importorskip(library)
 
+from scipy.spatial.transform import Rotation  # noqa: E402
+
 from sympose.datasets import part, scan  # noqa: E402
 
 
@@ -40,7 +42,7 @@ def test_the_covariance_turns_with_the_pose_that_is_preferred(sectors: int) -> N
     cloud = {"scene": seen.scene.points, "viewpoints": seen.scene.viewpoints, "order": 5}
     found = sympose.estimate(**cloud)
     angle = sectors * 2.0 * np.pi / 5.0
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    turn = Rotation.from_euler("z", angle).as_matrix()
     wanted = found.pose.copy()
     wanted[:3, :3] = wanted[:3, :3] @ turn
     preferred = sympose.estimate(**cloud, prefer=wanted)
@@ -58,7 +60,7 @@ def test_a_stream_of_poses_neither_jumps_nor_turns_over(sectors: int, over: bool
     cloud = {"scene": seen.scene.points, "viewpoints": seen.scene.viewpoints, "order": 5}
     pose = sympose.estimate(**cloud).pose
     angle = np.radians(1.1) + sectors * 2.0 * np.pi / 5.0
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    turn = Rotation.from_euler("z", angle).as_matrix()
     before = pose.copy()
     before[:3, :3] = before[:3, :3] @ turn @ np.diag([1.0, -1.0, -1.0] if over else [1.0, 1.0, 1.0])
     found = sympose.estimate(**cloud, initial=before)

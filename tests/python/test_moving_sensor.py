@@ -51,7 +51,7 @@ def test_a_place_for_every_point_changes_nothing(name: str, views: int, way: str
 
 
 def profile(one: Part) -> tuple[Floats, Floats, Floats]:
-    """Points of a laser line that passes over a part on a linear stage, where the sensor stood, and the axis."""
+    """Points of a laser line that passes over a part, where the sensor stood, and the axis."""
     mesh = one.mesh.copy()
     turn = Rotation.from_euler("xyz", [25.0, 12.0, 40.0], degrees=True).as_matrix()
     pose = np.eye(4)

@@ -68,7 +68,7 @@ def test_little_noise_is_left_to_the_voxels() -> None:
 
 @pytest.mark.parametrize("settings", [{}, {"voxel_size": 0.03}])
 def test_coarse_voxels_do_not_pass_for_noise(settings: dict[str, float]) -> None:
-    # Tracking takes voxels twice as large; about either, a hub with bolts is rougher than noise would make it.
+    # Tracking takes voxels twice as large; over either, a hub with bolts is rougher than noise makes it.
     scanned = scan(part("wheel_hub_6"), "sphere", views=5, seed=1)
     found = sympose.estimate(
         scanned.scene, order=6, initial=scanned.world_from_object, config=sympose.Config(**settings)

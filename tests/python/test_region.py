@@ -21,7 +21,9 @@ def hub() -> Scan:
 
 
 @pytest.mark.parametrize("margin", [0.02, 0.15])
-@pytest.mark.parametrize(("name", "views", "seed"), [("propeller_4", 1, 3), ("gear_12", 3, 4), ("flange_8", 2, 3)])
+@pytest.mark.parametrize(
+    ("name", "views", "seed"), [("propeller_4", 1, 3), ("gear_12", 3, 4), ("flange_8", 2, 3)]
+)
 def test_a_tight_region_keeps_the_support_apart(name: str, views: int, seed: int, margin: float) -> None:
     scanned = scan(part(name), "table", views=views, seed=seed)
     own = scanned.scene.points[scanned.label_of_point == 0]
@@ -52,7 +54,8 @@ def test_no_axis_is_returned_beyond_reach_of_the_hint(hub: Scan, off_deg: float)
         return
     with pytest.raises(sympose.NoSymmetryError):
         sympose.estimate(**cloud)
-    # Of a declared order there may be an axis within reach, but none to act on; nor does an earlier pose lead out of it.
+    # Of a declared order there may be an axis within reach, but none to act on; nor does an earlier pose
+    # lead out of it.
     for initial in (None, hub.world_from_object):
         found = sympose.estimate(**cloud, order=5, initial=initial)
         assert abs(found.axis @ hint) > np.cos(np.radians(30.1))
