@@ -30,8 +30,8 @@ class Scene:
         colors: (N, 3) uint8, or None. Integers from 0 to 255 are taken as they are, floats from 0 to 1 are
             scaled.
         normals: (N, 3) float64, or None.
-        viewpoints: (N, 3) float64, where the sensor stood that measured each point, or None. One position
-            (3,) is taken for all points.
+        viewpoints: (N, 3) float64, where the sensor stood that measured each point, or None. One position,
+            (3,) or (1, 3), is taken for all points.
         views: The cameras that looked at the scene; with them, segmentation can tell foreground from
             background.
         name: For example the name of the file.
@@ -212,8 +212,8 @@ def _as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
 
 def _as_viewpoints(value: ArrayLike, count: int) -> NDArray[np.float64]:
     viewpoints = as_floats(value, "viewpoints")
-    if viewpoints.shape == (3,):
-        viewpoints = np.tile(viewpoints, (count, 1))
+    if viewpoints.shape in ((3,), (1, 3)):
+        viewpoints = np.tile(viewpoints.reshape(1, 3), (count, 1))
     return _as_rows(viewpoints, "viewpoints", count)
 
 

@@ -192,10 +192,11 @@ pub(super) fn estimate_normals<'py>(
 ) -> PyResult<Array<'py>> {
     let points = &*arrays::cloud(points, "estimate_normals")?;
     let params = NormalParams { k: count(py, "k", k)?, ..NormalParams::default() };
+    let given = viewpoints.is_some();
     let viewpoints = viewpoints.map(|value| arrays::points_or_point(value, "viewpoints")).transpose()?;
     let viewpoints = viewpoints.unwrap_or_default();
     arrays::check_finite(py, &viewpoints, "viewpoints")?;
-    if viewpoints.len() > 1 && viewpoints.len() != points.len() {
+    if given && viewpoints.len() != 1 && viewpoints.len() != points.len() {
         let mismatch =
             Error::LengthMismatch { what: "viewpoints", expected: points.len(), got: viewpoints.len() };
         return Err(errors::exception(py, mismatch));

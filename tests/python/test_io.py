@@ -438,6 +438,19 @@ def test_npy_of_the_wrong_shape_or_type(tmp_path):
             read(tmp_path / "cloud.npy")
 
 
+def test_npz_with_a_scale_in_an_array(tmp_path):
+    depth, matrix = np.full((4, 5), 2000), np.array([[6.0, 0.0, 2.1], [0.0, 6.5, 1.4], [0.0, 0.0, 1.0]])
+    path = tmp_path / "d.npz"
+    for shape in ((), (1,), (1, 1)):
+        np.savez(path, depth=depth, K=matrix, depth_scale=np.full(shape, 0.001))
+        np.testing.assert_array_equal(read(path).points[:, 2], 2.0)
+    for scale in ([0.001, 0.001], [], ["0.001"]):
+        np.savez(path, depth=depth, K=matrix, depth_scale=np.array(scale))
+        with pytest.raises(InvalidInputError, match=r"d\.npz: depth_scale must") as caught:
+            read(path)
+        assert "damaged" not in str(caught.value)
+
+
 def test_npz_whose_directory_lies_before_the_file(tmp_path):
     path = tmp_path / "cloud.npz"
     write(path, POINTS)

@@ -30,6 +30,13 @@ def test_arrays_are_float64_c_order_and_read_only():
     np.testing.assert_array_equal(scene.viewpoints, [[1, 2, 3]] * 4)
 
 
+def test_one_viewpoint_is_that_of_all_points_as_a_row_too():
+    for one in ([1, 2, 3], [[1, 2, 3]]):
+        np.testing.assert_array_equal(Scene(POINTS, viewpoints=one).viewpoints, [[1, 2, 3]] * 4)
+    with pytest.raises(InvalidInputError, match="viewpoints must have a row"):
+        Scene(POINTS, viewpoints=np.empty((0, 3)))
+
+
 def test_the_callers_array_stays_writable():
     points = POINTS.copy()
     Scene(points)

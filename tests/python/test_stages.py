@@ -224,6 +224,8 @@ def test_parameters_outside_their_domain_are_named() -> None:
         sympose.estimate_normals(points, viewpoints=points[1:])
     with pytest.raises(InvalidInputError, match="viewpoints"):
         sympose.estimate_normals(points, viewpoints=[np.nan, 0.0, 0.0])
+    with pytest.raises(InvalidInputError, match="viewpoints has 0 rows"):
+        sympose.estimate_normals(points, viewpoints=np.zeros((0, 3)))
 
 
 def turn(angle: float, shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Points:

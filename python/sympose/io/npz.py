@@ -45,7 +45,9 @@ def read_npz(path: Path) -> Scene:
                 depth,
                 _camera(as_floats(archive["K"], f"{path}: K"), depth, path),
                 archive["world_from_camera"] if "world_from_camera" in keys else None,
-                depth_scale=float(archive["depth_scale"]) if "depth_scale" in keys else 1.0,
+                depth_scale=_one_number(archive["depth_scale"], "depth_scale", path)
+                if "depth_scale" in keys
+                else 1.0,
                 color=archive[color_key] if color_key is not None else None,
             )
             return Scene(scene.points, scene.colors, None, scene.viewpoints, scene.views, path.name)
@@ -73,6 +75,14 @@ def write_npz(path: Path, scene: Scene, single: bool) -> None:
 
 def _real(single: bool) -> type[np.float32] | type[np.float64]:
     return np.float32 if single else np.float64
+
+
+def _one_number(value: NDArray[Any], name: str, path: Path) -> float:
+    """The number of an array that holds only one, whatever its shape."""
+    numbers = as_floats(value, f"{path}: {name}")
+    if numbers.size != 1:
+        raise InvalidInputError(f"{path}: {name} must be one number, got an array of shape {numbers.shape}")
+    return float(numbers.item())
 
 
 def _camera(matrix: NDArray[np.float64], depth: NDArray[Any], path: Path) -> PinholeCamera:
