@@ -1,5 +1,6 @@
 //! [`Config`]: every setting of the pipeline, nested by stage, with defaults that fit any unit.
 
+use serde::de::{Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
@@ -167,6 +168,7 @@ pub struct Config {
     /// Order of the symmetry.
     pub order: Order,
     /// Seed of everything random.
+    #[serde(deserialize_with = "seed")]
     pub seed: u64,
     /// Worker threads in a pool of its own; `None`: the pool of the caller. A program that estimates many clouds in parallel
     /// should set it, 1 at best: a worker that waits within one estimate would otherwise begin the next one there.
@@ -273,6 +275,12 @@ impl Config {
     /// [`Error::InvalidParameter`] naming the first setting outside its domain.
     pub fn validate(&self) -> Result<()> {
         self.order.validate()?;
+        for (name, seed) in [("seed", self.seed), ("plane.seed", self.plane.seed)] {
+            // TOML has no larger number, and a configuration must survive a file.
+            if i64::try_from(seed).is_err() {
+                return Err(Error::InvalidParameter { name, value: seed.to_string(), expected: SEEDS });
+            }
+        }
         if let Some(size) = self.voxel_size {
             positive("voxel_size", size)?;
         }
@@ -374,6 +382,29 @@ pub(crate) fn limit_or_off<'de, D: Deserializer<'de>>(
         Limit::Number(limit) => Some(limit),
         Limit::Off(Off::Off) | Limit::Null(()) => None,
     })
+}
+
+const SEEDS: &str = "a whole number from 0 to 9,223,372,036,854,775,807 (2^63 - 1)";
+
+/// A seed; what is none is answered with the range.
+pub(crate) fn seed<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<u64, D::Error> {
+    struct Seed;
+    impl Visitor<'_> for Seed {
+        type Value = u64;
+
+        fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str(SEEDS)
+        }
+
+        fn visit_u64<E: serde::de::Error>(self, seed: u64) -> std::result::Result<u64, E> {
+            Ok(seed)
+        }
+
+        fn visit_i64<E: serde::de::Error>(self, seed: i64) -> std::result::Result<u64, E> {
+            u64::try_from(seed).map_err(|_| E::invalid_value(Unexpected::Signed(seed), &self))
+        }
+    }
+    deserializer.deserialize_u64(Seed)
 }
 
 pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {

@@ -202,6 +202,11 @@ impl<'de> Deserialize<'de> for Estimate {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let document = Document::deserialize(deserializer)?;
         document.check_lengths().map_err(D::Error::custom)?;
+        if document.order == Order::Auto {
+            return Err(D::Error::custom(
+                "order = auto: expected the order that was found, a whole number from 2 or \"continuous\"",
+            ));
+        }
         let rows = |rows: Rows<[f64; 3]>| rows.unwrap_or_default().into_owned();
         let indices = |rows: Rows<u32>| rows.unwrap_or_default().into_owned();
         Ok(Self {

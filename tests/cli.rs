@@ -73,7 +73,7 @@ fn bad_usage_is_refused() {
     refused(&[], "Usage");
     refused(&["polish"], "unrecognized subcommand 'polish'");
     refused(&["estimate"], "<SCAN>");
-    refused(&["estimate", HUB, "--order", "1"], "expected an integer from 2 to 360");
+    refused(&["estimate", HUB, "--order", "1"], "expected a whole number from 2 to 360");
     refused(&["estimate", HUB, "--order", "five"], "\"continuous\"");
     refused(&["estimate", HUB, "--viewpoint", "1", "2"], "--viewpoint");
     refused(&["estimate", HUB, "--viewpoint", "1", "2", "three"], "three");
@@ -109,7 +109,7 @@ fn bad_input_is_refused() {
     let with_settings = ["estimate", HUB, "--config", text(&settings)];
     refused(&with_settings, "settings.toml");
     for (content, expected) in [
-        ("order = 1", "expected an integer from 2"),
+        ("order = 1", "expected a whole number from 2"),
         ("colour = 1", "unknown field `colour`"),
         ("ground = \"maybe\"", "unknown variant `maybe`"),
         ("ground", "settings.toml"),

@@ -135,6 +135,8 @@ fn what_is_wrong_is_named() {
     assert!(refused("quaternion", json!([0, 0, 0, 2])).contains("expected unit length, found 2"));
     assert!(refused("quaternion", json!([0, 0, 0, 1])).contains("contradicts quaternion"));
     assert!(refused("order", json!(1)).contains("order = 1"));
+    assert!(refused("order", json!(5.0)).contains("order = 5.0: expected a whole number"));
+    assert!(refused("order", json!("auto")).contains("order = auto: expected the order that was found"));
     assert!(refused("points", json!([])).contains("points has 0 rows, but normals 2"));
     let mut document = good.clone();
     document.as_object_mut().unwrap().remove("schema_version");

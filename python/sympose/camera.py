@@ -7,6 +7,7 @@ Depth is the z coordinate in the camera frame, not the length of the ray.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -280,6 +281,23 @@ class View:
         return np.stack(
             [x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k] for k in range(3)], axis=1
         )
+
+
+def as_views(views: Iterable[View]) -> tuple[View, ...]:
+    """Return views as a tuple.
+
+    Raises:
+        InvalidInputError: `views` is one view, or holds something else.
+    """
+    if isinstance(views, View):
+        raise InvalidInputError("views must be a sequence of View objects, got one View; pass [view]")
+    if not isinstance(views, Iterable):
+        raise InvalidInputError(f"views must be a sequence of View objects, got {type(views).__name__}")
+    found = tuple(views)
+    for view in found:
+        if not isinstance(view, View):
+            raise InvalidInputError(f"views must hold View objects, got {type(view).__name__}")
+    return found
 
 
 def as_rigid(value: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import time
 from collections.abc import Callable, Sequence
 from os import PathLike
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from sympose import _core
 from sympose._core import Estimate, Reference
 from sympose.arrays import as_points
-from sympose.camera import View
+from sympose.camera import View, as_views
 from sympose.config import Config
 from sympose.errors import DeadlineExceededError, InsufficientDataError, InvalidInputError
 from sympose.scene import Scene
@@ -60,7 +61,8 @@ def estimate(
     Args:
         scene: (N, 3) points in any unit, the path of a file that `read` knows, a `Scene`, or anything with
             `.points` or `.vertices` (Open3D, PyVista, trimesh). NaN points are left out.
-        order: Order of the symmetry, at least 2, or "continuous" for a surface of revolution. None: found.
+        order: Order of the symmetry, a whole number of at least 2, or "continuous" for a surface of
+            revolution. None: found.
         viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and
             tell free space, which makes the answer a good deal more certain. [0, 0, 0] for points in the
             frame of their camera. Without, they are found where the points come in the order in which a depth
@@ -98,11 +100,17 @@ def estimate(
         raise InvalidInputError(f"config must be a sympose.Config, got {type(config).__name__}")
     if not isinstance(reference, (Reference, type(None))):
         raise InvalidInputError(f"reference must be a sympose.Reference, got {type(reference).__name__}")
-    given = {"order": order, "seed": seed or None, "threads": threads, "roi": roi, "axis_hint": axis_hint}
+    given = {
+        "order": _as_order(order),
+        "seed": seed or None,
+        "threads": threads,
+        "roi": roi,
+        "axis_hint": axis_hint,
+    }
     changes = {name: value for name, value in given.items() if value is not None}
     settings = (config or Config()).replace(**changes)
     source = _as_scene(scene)
-    views = source.views if views is None else tuple(views)
+    views = source.views if views is None else as_views(views)
     foreground: NDArray[np.bool_] | None = None
     warnings: list[str] = []
     if views:
@@ -124,6 +132,20 @@ def estimate(
         timeout=timeout,
         progress=progress,
         warnings=warnings,
+    )
+
+
+def _as_order(order: Any) -> int | str | None:
+    """The order as the configuration takes it, which also knows its range."""
+    if order is None or isinstance(order, str):
+        return order
+    try:
+        if not isinstance(order, (bool, np.bool_)):
+            return operator.index(order)
+    except TypeError:
+        pass
+    raise InvalidInputError(
+        f'order = {order!r}: expected a whole number of at least 2, "continuous", or None to find it'
     )
 
 

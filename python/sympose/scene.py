@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sympose.arrays import as_floats, as_points, read_only
-from sympose.camera import PinholeCamera, View
+from sympose.camera import PinholeCamera, View, as_views
 from sympose.errors import InvalidInputError
 
 __all__ = ["Scene"]
@@ -73,11 +73,7 @@ class Scene:
             "viewpoints",
             None if viewpoints is None else read_only(_as_viewpoints(viewpoints, len(xyz))),
         )
-        views = tuple(views)
-        for view in views:
-            if not isinstance(view, View):
-                raise InvalidInputError(f"views must hold View objects, got {type(view).__name__}")
-        keep("views", views)
+        keep("views", as_views(views))
         keep("name", name)
 
     @classmethod
@@ -115,6 +111,11 @@ class Scene:
             >>> len(Scene.from_depth([[0, 500, 500, 0]] * 3, camera, depth_scale=0.001))
             6
         """
+        if not isinstance(camera, PinholeCamera):
+            raise InvalidInputError(
+                f"camera must be a PinholeCamera, got {type(camera).__name__}; "
+                "pass PinholeCamera(width, height, fx, fy, cx, cy)"
+            )
         name = None
         if isinstance(depth, (str, PathLike)):
             name = Path(depth).name
@@ -162,12 +163,16 @@ class Scene:
             them. The name is kept where all agree.
 
         Raises:
-            InvalidInputError: `scenes` is empty.
+            InvalidInputError: `scenes` is empty, or holds something else.
 
         Example:
             >>> len(Scene.merge([Scene([[0, 0, 0]]), Scene([[1, 0, 0]])]))
             2
         """
+        if isinstance(scenes, Scene):
+            raise InvalidInputError("merge takes a sequence of scenes, got one Scene; pass [scene, ...]")
+        if not isinstance(scenes, Iterable):
+            raise InvalidInputError(f"merge takes a sequence of scenes, got {type(scenes).__name__}")
         scenes = tuple(scenes)
         if not scenes:
             raise InvalidInputError("merge needs at least one scene, got none")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sympose.arrays import as_points
-from sympose.camera import View
+from sympose.camera import View, as_views
 from sympose.errors import InvalidInputError
 from sympose.mixture import DepthSample, ViewMixture, fit_mixture
 
@@ -141,7 +141,7 @@ def segment_heeding(
     What `heed` raises ends the segmentation.
     """
     cloud = as_points(points)
-    views = tuple(views)
+    views = as_views(views)
     _check(cloud, views, max_components, min_views, seed)
     # All views are projected and fitted once, and again in each round.
     steps = itertools.count()
@@ -276,9 +276,6 @@ def _check(
         raise InvalidInputError(f"points must hold at least one finite point, got {len(cloud)} points")
     if not views:
         raise InvalidInputError("views must hold at least one View: without cameras there are no depths")
-    for view in views:
-        if not isinstance(view, View):
-            raise InvalidInputError(f"views must hold View objects, got {type(view).__name__}")
     for name, value, low, high in (
         ("max_components", max_components, 1, 100),
         ("min_views", 1 if min_views is None else min_views, 1, len(views)),

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::CHUNK;
 use super::grid::{Grid, members};
+use crate::config::positive;
 use crate::error::Result;
 
 /// How much longer the edge of a cell is made than the radius that it must cover: rounding cannot put two points that
@@ -26,6 +27,8 @@ impl CellList {
     /// Sorts points into cells such that all points within `radius` of a point lie in the 27 cells around it; `name` is
     /// the parameter that the radius came from.
     pub(crate) fn new(points: &[[f64; 3]], radius: f64, name: &'static str) -> Result<Self> {
+        // Here, since the grid would name the edge of its cells.
+        positive(name, radius)?;
         let grid = Grid::new(points, radius * MARGIN, name)?;
         let (offsets, members) = members(&grid.cell_of, grid.len);
         let points = members.par_iter().with_min_len(CHUNK).map(|&point| points[point as usize]).collect();

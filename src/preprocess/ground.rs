@@ -31,6 +31,7 @@ pub struct GroundParams {
     /// Planes that are looked at, one after the other \[count\].
     pub max_planes: usize,
     /// Seed of the samples.
+    #[serde(deserialize_with = "crate::config::seed")]
     pub seed: u64,
 }
 

@@ -1,5 +1,6 @@
 //! The stages of the pipeline, each alone.
 
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 
 use super::{arrays, errors, pool};
@@ -74,10 +75,10 @@ pub(super) fn remove_radius_outliers<'py>(
     py: Python<'py>,
     points: &Array<'py>,
     radius: f64,
-    min_neighbors: i64,
+    #[pyo3(from_py_with = min_neighbors_of)] min_neighbors: usize,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let points = &*arrays::cloud(points, "remove_radius_outliers")?;
-    let params = RadiusParams { radius, min_neighbors: count(py, "min_neighbors", min_neighbors)? };
+    let params = RadiusParams { radius, min_neighbors };
     let kept = pool::run(py, || preprocess::remove_radius_outliers(points, &params))?;
     selection(py, points, &kept)
 }
@@ -110,11 +111,11 @@ pub(super) fn remove_radius_outliers<'py>(
 pub(super) fn remove_statistical_outliers<'py>(
     py: Python<'py>,
     points: &Array<'py>,
-    k: i64,
+    #[pyo3(from_py_with = k_of)] k: usize,
     std_ratio: f64,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let points = &*arrays::cloud(points, "remove_statistical_outliers")?;
-    let params = StatisticalParams { k: count(py, "k", k)?, std_ratio };
+    let params = StatisticalParams { k, std_ratio };
     let kept = pool::run(py, || preprocess::remove_statistical_outliers(points, &params))?;
     selection(py, points, &kept)
 }
@@ -126,7 +127,7 @@ pub(super) fn remove_statistical_outliers<'py>(
 ///     distance: Largest distance of an inlier from the plane, in the unit of the points; positive.
 ///     max_iterations: Hypotheses tried at most, at least 1.
 ///     probability: Of having drawn three inliers, at which the search stops; in (0, 1].
-///     seed: Of the samples; the same seed gives the same plane.
+///     seed: Of the samples, from 0 to 2^63 - 1; the same seed gives the same plane.
 ///
 /// Returns:
 ///     (4,) unit normal n, its largest component positive, and d with n . x + d = 0; and the ascending indices of
@@ -148,13 +149,11 @@ pub(super) fn segment_plane<'py>(
     py: Python<'py>,
     points: &Array<'py>,
     distance: f64,
-    max_iterations: i64,
+    #[pyo3(from_py_with = max_iterations_of)] max_iterations: usize,
     probability: f64,
-    seed: i64,
+    #[pyo3(from_py_with = seed_of)] seed: u64,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let points = &*arrays::cloud(points, "segment_plane")?;
-    let max_iterations = count(py, "max_iterations", max_iterations)?;
-    let seed = count(py, "seed", seed)? as u64;
     let params = PlaneParams { distance, max_iterations, probability, seed };
     let plane = pool::run(py, || preprocess::segment_plane(points, &params))?;
     let coefficients = arrays::vector(py, plane.coefficients.map(|x| x + 0.0).to_vec());
@@ -187,11 +186,11 @@ pub(super) fn segment_plane<'py>(
 pub(super) fn estimate_normals<'py>(
     py: Python<'py>,
     points: &Array<'py>,
-    k: i64,
+    #[pyo3(from_py_with = k_of)] k: usize,
     viewpoints: Option<&Array<'py>>,
 ) -> PyResult<Array<'py>> {
     let points = &*arrays::cloud(points, "estimate_normals")?;
-    let params = NormalParams { k: count(py, "k", k)?, ..NormalParams::default() };
+    let params = NormalParams { k, ..NormalParams::default() };
     let given = viewpoints.is_some();
     let viewpoints = viewpoints.map(|value| arrays::points_or_point(value, "viewpoints")).transpose()?;
     let viewpoints = viewpoints.unwrap_or_default();
@@ -248,11 +247,32 @@ pub(super) fn viewpoints_from_order<'py>(
     Ok(rows.transpose()?.map(Bound::into_any))
 }
 
-/// A number that counts something.
-fn count(py: Python<'_>, name: &str, value: i64) -> PyResult<usize> {
-    usize::try_from(value).map_err(|_| {
-        errors::invalid_input(py, format!("{name} = {value}: expected 0 or a positive whole number"))
-    })
+fn k_of(value: &Array<'_>) -> PyResult<usize> {
+    count(value, "k")
+}
+
+fn min_neighbors_of(value: &Array<'_>) -> PyResult<usize> {
+    count(value, "min_neighbors")
+}
+
+fn max_iterations_of(value: &Array<'_>) -> PyResult<usize> {
+    count(value, "max_iterations")
+}
+
+fn seed_of(value: &Array<'_>) -> PyResult<u64> {
+    Ok(count(value, "seed")? as u64)
+}
+
+/// A number that counts something. Where it is out of range, an error of pyo3 would tell neither name nor range.
+fn count(value: &Array<'_>, name: &str) -> PyResult<usize> {
+    let py = value.py();
+    let refused =
+        || errors::invalid_input(py, format!("{name} = {value}: expected a whole number from 0 to 2^63 - 1"));
+    match value.extract::<i64>() {
+        Ok(number) => usize::try_from(number).map_err(|_| refused()),
+        Err(error) if error.is_instance_of::<PyOverflowError>(py) => Err(refused()),
+        Err(error) => Err(error),
+    }
 }
 
 /// The points of these indices, and the indices.

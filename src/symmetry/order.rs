@@ -1,11 +1,15 @@
 //! The order of a rotational symmetry.
 
+use serde::de::Visitor;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 
 /// The largest discrete order that may be declared.
 pub const MAX_ORDER: u32 = 360;
+
+const EXPECTED: &str =
+    "a whole number from 2 to 360, \"continuous\" for a surface of revolution, or \"auto\"";
 
 /// Order of the symmetry about the axis.
 ///
@@ -120,11 +124,7 @@ fn spread(count: usize, max: usize) -> impl Iterator<Item = usize> {
 }
 
 fn invalid(value: &str) -> Error {
-    Error::InvalidParameter {
-        name: "order",
-        value: value.to_owned(),
-        expected: "an integer from 2 to 360, \"continuous\" for a surface of revolution, or \"auto\"",
-    }
+    Error::InvalidParameter { name: "order", value: value.to_owned(), expected: EXPECTED }
 }
 
 impl std::fmt::Display for Order {
@@ -149,28 +149,49 @@ impl std::str::FromStr for Order {
     }
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum Written {
-    Number(i64),
-    Text(String),
-}
-
 impl Serialize for Order {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         match self {
-            Self::Cyclic(n) => Written::Number(i64::from(*n)).serialize(serializer),
-            other => Written::Text(other.to_string()).serialize(serializer),
+            Self::Cyclic(n) => serializer.serialize_u32(*n),
+            other => serializer.collect_str(other),
         }
     }
 }
 
 impl<'de> Deserialize<'de> for Order {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
-        let text = match Written::deserialize(deserializer)? {
-            Written::Number(n) => n.to_string(),
-            Written::Text(text) => text,
-        };
-        text.parse().map_err(serde::de::Error::custom)
+        deserializer.deserialize_any(Written)
+    }
+}
+
+/// Takes an order as it is written, and names what is none.
+struct Written;
+
+impl Visitor<'_> for Written {
+    type Value = Order;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(EXPECTED)
+    }
+
+    fn visit_str<E: serde::de::Error>(self, text: &str) -> std::result::Result<Order, E> {
+        text.parse().map_err(E::custom)
+    }
+
+    fn visit_i64<E: serde::de::Error>(self, number: i64) -> std::result::Result<Order, E> {
+        self.visit_str(&number.to_string())
+    }
+
+    fn visit_u64<E: serde::de::Error>(self, number: u64) -> std::result::Result<Order, E> {
+        self.visit_str(&number.to_string())
+    }
+
+    fn visit_f64<E: serde::de::Error>(self, number: f64) -> std::result::Result<Order, E> {
+        // With its point, which tells 5.0 from 5.
+        Err(E::custom(invalid(&format!("{number:?}"))))
+    }
+
+    fn visit_bool<E: serde::de::Error>(self, flag: bool) -> std::result::Result<Order, E> {
+        Err(E::custom(invalid(&flag.to_string())))
     }
 }

@@ -116,6 +116,12 @@ def test_an_estimate_agrees_with_itself(part: Part, estimate: Estimate) -> None:
     assert all(seconds >= 0.0 for seconds in estimate.timings.values())
 
 
+def test_the_order_of_an_estimate_is_never_auto(estimate: Estimate) -> None:
+    document = estimate.to_dict() | {"order": "auto"}
+    with pytest.raises(InvalidInputError, match="order = auto: expected the order that was found"):
+        Estimate.from_json(json.dumps(document))
+
+
 def test_candidates_are_frozen_and_can_be_copied_and_pickled(estimate: Estimate) -> None:
     assert estimate.candidates
     for candidate in estimate.candidates:

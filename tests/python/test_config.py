@@ -104,6 +104,10 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
         {"roi": [[0, 0], [1, 1]]},
         {"axis_hint": [0.0, 0.0, 0.0]},
         {"seed": -1},
+        {"seed": 2**63},
+        {"seed": 2**64},
+        {"plane": {"seed": 2**63}},
+        {"order": 2**70},
         {"threads": 0},
         {"origin": None},
     ],
@@ -142,6 +146,23 @@ def test_a_wrong_file_is_named(tmp_path: Path, content: bytes) -> None:
         Config.from_toml(path)
     with pytest.raises(FileNotFoundError):
         Config.from_toml(tmp_path / "nothing.toml")
+
+
+def test_the_largest_seed_survives_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(Config(seed=2**63 - 1).to_toml())
+    assert Config.from_toml(path).seed == 2**63 - 1
+    with pytest.raises(InvalidInputError, match="from 0 to 9,223,372,036,854,775,807"):
+        Config(seed=2**63)
+
+
+def test_an_order_of_another_type_is_named() -> None:
+    with pytest.raises(
+        InvalidInputError, match=r'order = 5\.0: expected a whole number from 2 to 360, "cont'
+    ):
+        Config(order=5.0)
+    with pytest.raises(InvalidInputError, match="order = true: expected a whole number"):
+        Config(order=True)
 
 
 def test_settings_reach_the_estimate() -> None:

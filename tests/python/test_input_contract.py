@@ -195,6 +195,12 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"order": -3}, "order"),
         ({"order": 2.5}, "order"),
         ({"order": "many"}, "order"),
+        ({"order": 5.0}, r"order = 5.0: expected a whole number of at least 2, \"continuous\", or None"),
+        ({"order": np.float64(5)}, "order = .*5.0.*: expected a whole number of at least 2"),
+        ({"order": True}, "order = True: expected a whole number of at least 2"),
+        ({"order": 2**70}, r"order = 1\.18\d+e21: expected a whole number from 2 to 360"),
+        ({"order": [5]}, r"order = \[5\]: expected a whole number"),
+        ({"views": 7}, "views must be a sequence"),
         ({"viewpoints": [0.0, 0.0]}, "viewpoints"),
         ({"viewpoints": np.zeros((7, 3))}, "viewpoints has 7 rows"),
         ({"viewpoints": [0.0, 0.0, np.nan]}, "NaN"),
@@ -210,7 +216,9 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"prefer": np.diag([1, 1, -1, 1])}, "prefer"),
         ({"threads": 0}, "threads"),
         ({"threads": -1}, "threads"),
-        ({"seed": -1}, "seed"),
+        ({"seed": -1}, r"seed: .*-1.*, expected a whole number from 0 to 9,223"),
+        ({"seed": 2**63}, "seed = 9223372036854775808: expected a whole number from 0 to 9,223"),
+        ({"seed": 2**64}, "seed: .*expected a whole number from 0 to 9,223"),
         ({"timeout": 0.0}, "timeout"),
         ({"timeout": float("nan")}, "timeout"),
     ],
@@ -218,6 +226,31 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
 def test_a_wrong_argument_is_named(part: Part, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         sympose.estimate(part.points, **({"order": ORDER} | options))
+
+
+def test_an_order_may_be_any_whole_number(part: Part, estimate: sympose.Estimate) -> None:
+    for order in (np.int64(ORDER), np.uint8(ORDER), np.array(ORDER)):
+        found = sympose.estimate(part.points, order=order, viewpoints=part.viewpoint)  # type: ignore[arg-type]
+        assert bytes_of(found) == bytes_of(estimate)
+
+
+def test_one_where_several_are_expected_is_answered_with_what_to_do(part: Part) -> None:
+    camera = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)
+    view: Any = View(camera, np.eye(4))
+    scene: Any = Scene(part.points)
+    for call in (
+        lambda: sympose.estimate(part.points, views=view),
+        lambda: sympose.segment(part.points, view),
+        lambda: Scene(part.points, views=view),
+    ):
+        with pytest.raises(InvalidInputError, match=r"got one View; pass \[view\]"):
+            call()
+    with pytest.raises(InvalidInputError, match=r"got one Scene; pass \[scene, ...\]"):
+        Scene.merge(scene)
+    with pytest.raises(InvalidInputError, match="sequence of scenes, got int"):
+        Scene.merge(7)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match=r"got NoneType; pass PinholeCamera\("):
+        Scene.from_depth(np.ones((3, 4)), None)  # type: ignore[arg-type]
 
 
 def test_an_argument_wins_over_the_configuration(part: Part) -> None:

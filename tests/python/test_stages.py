@@ -220,6 +220,17 @@ def test_parameters_outside_their_domain_are_named() -> None:
         sympose.segment_plane(points, 0.1, probability=1.5)
     with pytest.raises(InvalidInputError, match="max_iterations"):
         sympose.segment_plane(points, 0.1, max_iterations=0)
+    for seed in (-1, 2**63, 2**200):
+        with pytest.raises(
+            InvalidInputError, match=rf"seed = {seed}: expected a whole number from 0 to 2\^63"
+        ):
+            sympose.segment_plane(points, 0.1, seed=seed)
+    with pytest.raises(InvalidInputError, match=f"k = {2**63}"):
+        sympose.remove_statistical_outliers(points, 2**63)
+    with pytest.raises(TypeError, match="k"):
+        sympose.estimate_normals(points, 2.5)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match="radius = -1: expected"):
+        sympose.remove_radius_outliers(points, -1, 1)
     with pytest.raises(InvalidInputError, match="29 rows"):
         sympose.estimate_normals(points, viewpoints=points[1:])
     with pytest.raises(InvalidInputError, match="viewpoints"):
