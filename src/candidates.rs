@@ -12,7 +12,6 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
-use crate::symmetry::propose::is_admitted;
 use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
@@ -82,15 +81,7 @@ impl Estimator {
             // Where no order is known yet, the turns that brought the axis here hold it best.
             let start = candidate.order.unwrap_or(candidate.hypothesis);
             let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
-            // What begins near the hint may end elsewhere.
-            let within = self.hint(prepared);
-            if !is_admitted(
-                &refined.axis,
-                &surface.centroid,
-                prepared.diameter,
-                within,
-                &self.config().propose,
-            ) {
+            if self.is_beyond_hint(prepared, &refined.axis) {
                 continue;
             }
             let detection = self.detect(prepared, &refined.axis);
@@ -136,6 +127,12 @@ impl Estimator {
     /// The axis that the caller expects, in the frame of the surface.
     pub(crate) fn hint(&self, prepared: &Prepared) -> Option<Vector3<f64>> {
         self.config().axis_hint.map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint))
+    }
+
+    /// Whether an axis that began near the hint has ended elsewhere.
+    fn is_beyond_hint(&self, prepared: &Prepared, axis: &Axis) -> bool {
+        let hint = self.hint(prepared).and_then(|hint| Axis::new(hint, prepared.surface.centroid));
+        hint.is_some_and(|hint| axis.angle_to(&hint) > self.config().propose.max_hint_angle)
     }
 
     /// Finds the order about an axis.

@@ -65,7 +65,7 @@ fn join(
     let mut firsts: Vec<Vector3<f64>> = Vec::new();
     let mut sums: Vec<(Vector3<f64>, f64)> = Vec::new();
     let mut last = 0;
-    let mut join = |(place, weight): (Vector3<f64>, f64)| {
+    let mut group = |(place, weight): (Vector3<f64>, f64)| {
         let reach = NEAR * (place - target).norm();
         let is_near = |first: &Vector3<f64>| (place - first).norm() <= reach;
         // Places that follow each other are mostly near each other.
@@ -80,6 +80,6 @@ fn join(
         sums[last].1 += weight;
         last as u32
     };
-    let group_of = places.map(&mut join).collect();
+    let group_of = places.map(&mut group).collect();
     (sums.into_iter().map(|(sum, weight)| (sum / weight, weight)).collect(), group_of)
 }
