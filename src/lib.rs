@@ -54,7 +54,6 @@
 //! - `cli`: the `sympose` program.
 //! - `python`: the extension module of the Python package; built by maturin only.
 mod candidates;
-mod clean;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod cloud;
@@ -73,9 +72,7 @@ pub mod preprocess;
 mod python;
 pub mod reference;
 mod remarks;
-mod resolution;
 pub mod result;
-mod scene;
 pub mod schema;
 pub mod spatial;
 mod stages;

@@ -8,7 +8,7 @@ use crate::preprocess::{KNeighbors, median_spacing, occupied_voxels, voxel_downs
 use crate::spatial::KdTree;
 
 /// Largest extent over thirteen directions, without the outermost half percent at either end \[length\].
-pub(crate) fn width(points: &[[f64; 3]]) -> f64 {
+pub(super) fn width(points: &[[f64; 3]]) -> f64 {
     const TRIMMED: f64 = 0.005;
     /// More points than this do not make the quantiles better.
     const LOOKED_AT: usize = 20_000;
@@ -31,30 +31,30 @@ pub(crate) fn width(points: &[[f64; 3]]) -> f64 {
 
 /// Voxels across the diameter, and the fewest of a surface; where there are fewer, up to half the size is taken.
 #[derive(Clone, Copy)]
-pub(crate) struct Resolution {
+pub(super) struct Resolution {
     per_diameter: f64,
     least: f64,
 }
 
 impl Resolution {
     /// The same with voxels `times` as large.
-    pub(crate) fn coarser(self, times: f64) -> Self {
+    pub(super) fn coarser(self, times: f64) -> Self {
         Self { per_diameter: self.per_diameter / times, least: self.least / times.powi(2) }
     }
 }
 
 /// Where the layers of a surface are joined.
-pub(crate) const LAYERED: Resolution = Resolution { per_diameter: 165.0, least: 20_000.0 };
+pub(super) const LAYERED: Resolution = Resolution { per_diameter: 165.0, least: 20_000.0 };
 
 /// Where they are not.
-pub(crate) const COARSE: Resolution = Resolution { per_diameter: 200.0, least: 0.0 };
+pub(super) const COARSE: Resolution = Resolution { per_diameter: 200.0, least: 0.0 };
 
 /// The same where both sides of a blade thinner than a voxel would fall into one mean, since without viewpoints nothing
 /// tells them apart.
-pub(crate) const FINE: Resolution = Resolution { per_diameter: 280.0, least: 0.0 };
+pub(super) const FINE: Resolution = Resolution { per_diameter: 280.0, least: 0.0 };
 
 /// A voxel's share of the diameter, or the spacing of the points where they are sparser.
-pub(crate) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> Result<f64> {
+pub(super) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Resolution) -> Result<f64> {
     /// The size is not reduced further than to this share.
     const FINEST: f64 = 0.5;
     /// Least size \[spacings of the points\].
@@ -85,7 +85,7 @@ pub(crate) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Reso
 ///
 /// Where several sparse views fall on one another at random, points lie close together here and far apart there, and the
 /// nearest neighbours alone do not show it.
-pub(crate) fn sparseness(neighbors: &KNeighbors, voxel_size: f64) -> f64 {
+pub(super) fn sparseness(neighbors: &KNeighbors, voxel_size: f64) -> f64 {
     /// Neighbour up to which the points are counted.
     const COUNTED: usize = 6;
     /// Area of a point where every voxel of a surface has one, as its square root \[voxels\].

@@ -6,10 +6,18 @@ use std::array;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::resolution::sparseness;
+use super::scene::{Scene, enough};
+use super::voxels::Voxels;
 use crate::config::{ClusterMode, Config, OutlierParams};
 use crate::error::Result;
 use crate::median::median;
-use crate::preprocess::{CHUNK, ClusterParams, KNeighbors, Normals, main_cluster, statistical_inliers};
+use crate::preprocess::{
+    CHUNK, ClusterParams, KNeighbors, NormalParams, Normals, enough_neighbors, main_cluster,
+    normals_from_neighbors, statistical_inliers,
+};
+use crate::spatial::KdTree;
+use crate::stages::Stages;
 use crate::symmetry::visibility::{Seen, Visibility};
 
 /// Surface variation up to which a neighbourhood is flat: noise and curvature stay below.
@@ -21,9 +29,91 @@ const ENCLOSED: f64 = 0.002;
 /// How far beyond that box [gaps between clusters].
 const REACH: f64 = 3.0;
 
+/// Points in a voxel, on average, below which many voxels of the surface have none where several views fall at random on one
+/// another; those of one view lie in even rows.
+const SPARSE: f64 = 1.6;
+
+/// What was found while voxels were told from strays.
+pub(super) struct Cleaned {
+    /// Neighbours of every voxel.
+    pub(super) neighbors: KNeighbors,
+    /// Normal of the plane through them.
+    pub(super) normals: Vec<[f64; 3]>,
+    /// How far apart the voxels lie, at least 1 [their distance where every voxel of the surface has a point].
+    pub(super) sparseness: f64,
+    /// Whether noise asks for planes of more neighbours than usual.
+    pub(super) noisy: bool,
+    /// What the cameras saw to be empty.
+    pub(super) visibility: Option<Visibility>,
+    /// Voxels of the part, ascending.
+    pub(super) kept: Vec<u32>,
+}
+
+/// Tells which voxels are of the part; `region` are the rows of the cloud around it, where something was cut off.
+pub(super) fn clean(
+    part: &Scene,
+    region: Option<&[u32]>,
+    voxels: &Voxels,
+    diameter: f64,
+    config: &Config,
+    stages: &mut Stages,
+) -> Result<Cleaned> {
+    let Voxels { grid, size: voxel_size, layered, .. } = voxels;
+    let oriented = part.is_oriented();
+    let tree = KdTree::new(&grid.points)?;
+    let (least, params) = if *layered {
+        let fullness = part.points.len() as f64 / grid.points.len() as f64;
+        let has_gaps = fullness < SPARSE && part.places.len() > 1;
+        (in_one_layer(config.normals.k), outliers_in_one_layer(&config.outliers, has_gaps))
+    } else {
+        (config.normals.k, config.outliers.clone())
+    };
+    // Without viewpoints nothing contradicts the planes that wide neighbourhoods show in mere noise.
+    let k = if oriented {
+        let mut seen = vec![0; grid.points.len()];
+        (0_u32..).zip(&grid.inverse).for_each(|(i, &voxel)| seen[voxel as usize] = i);
+        let viewpoint = |voxel: usize| part.viewpoint(seen[voxel] as usize).unwrap_or_default();
+        enough_neighbors(&grid.points, viewpoint, &tree, least, &config.smoothing)
+    } else {
+        least
+    };
+    stages.number("plane_neighbors", k as f64);
+    let neighbors = KNeighbors::new(&tree, &grid.points, k.max(params.k))?;
+    stages.check()?;
+    let planes =
+        normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
+    stages.check()?;
+    let on_surface = on_surfaces(&neighbors, &planes, oriented, *voxel_size, &params)?;
+    let visibility = part.sight(region, grid, &on_surface);
+    stages.check()?;
+    let kept = of_part(&grid.points, on_surface, visibility.as_ref(), *voxel_size, diameter, config)?;
+    stages.number("surface_points", kept.len() as f64);
+    enough("outliers", kept.len())?;
+    let sparseness = sparseness(&neighbors, *voxel_size);
+    Ok(Cleaned { neighbors, normals: planes.normals, sparseness, noisy: k > least, visibility, kept })
+}
+
+/// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.
+fn in_one_layer(k: usize) -> usize {
+    (3 * k / 5).max(k.min(3))
+}
+
+/// Limits that tell as much where the layers of a surface are joined as `params` do otherwise.
+fn outliers_in_one_layer(params: &OutlierParams, has_gaps: bool) -> OutlierParams {
+    /// Its points are as far from each other as voxels are, but strays in space are as far as ever.
+    const CLOSER: f64 = 0.75;
+    let closer = if has_gaps { 1.0 } else { CLOSER };
+    OutlierParams {
+        k: in_one_layer(params.k).max(params.min_neighbors + 1),
+        radius: closer * params.radius,
+        scattered: params.scattered.map(|limit| closer * limit),
+        ..params.clone()
+    }
+}
+
 /// Voxels that lie on some surface, ascending: those that are not alone, scattered in space or off the plane of their
 /// neighbours.
-pub(crate) fn on_surfaces(
+fn on_surfaces(
     neighbors: &KNeighbors,
     Normals { surface_variation, deviation, .. }: &Normals,
     viewpoints: bool,
@@ -46,7 +136,7 @@ pub(crate) fn on_surfaces(
 
 /// Those of the voxels `kept` that belong to the part, ascending: no camera saw through them, and they hang together with
 /// the main cluster or lie within reach of it.
-pub(crate) fn of_part(
+fn of_part(
     points: &[[f64; 3]],
     kept: Vec<u32>,
     visibility: Option<&Visibility>,

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
+use super::resolution::width;
 use crate::cloud::PointCloud;
 use crate::config::{Config, OutlierParams};
 use crate::error::{Error, Result};
@@ -12,7 +13,7 @@ use crate::frames::principal_frame;
 use crate::preprocess::{
     CHUNK, ClusterParams, VoxelGrid, main_cluster, noise_along_rays, smooth_along_rays, voxel_downsample,
 };
-use crate::resolution::width;
+
 use crate::symmetry::visibility::Visibility;
 use crate::viewpoints::join_places;
 
@@ -20,25 +21,25 @@ use crate::viewpoints::join_places;
 const MIN_POINTS: usize = 50;
 
 /// The points within the region of interest, in a frame that turns with them.
-pub(crate) struct Scene<'a> {
+pub(super) struct Scene<'a> {
     cloud: &'a PointCloud,
     /// Frame of the cloud from that of the points, and back.
-    pub(crate) frame: Isometry3<f64>,
+    pub(super) frame: Isometry3<f64>,
     inverse: Isometry3<f64>,
     /// Where the sensor stood.
-    pub(crate) places: Vec<Vector3<f64>>,
+    pub(super) places: Vec<Vector3<f64>>,
     /// For each place of the cloud its number among these.
     group_of_place: Vec<u32>,
-    pub(crate) points: Vec<[f64; 3]>,
+    pub(super) points: Vec<[f64; 3]>,
     /// Row of each point in the cloud.
-    pub(crate) rows: Vec<u32>,
-    pub(crate) normals: Option<Vec<[f64; 3]>>,
+    pub(super) rows: Vec<u32>,
+    pub(super) normals: Option<Vec<[f64; 3]>>,
 }
 
 impl<'a> Scene<'a> {
     /// Crops and turns into the principal frame, so that the result does not depend on how the world frame lies: the
     /// voxel grid and the starting directions turn with the data.
-    pub(crate) fn new(cloud: &'a PointCloud, config: &Config) -> Result<Self> {
+    pub(super) fn new(cloud: &'a PointCloud, config: &Config) -> Result<Self> {
         let all = cloud.local_points();
         let rows = match config.roi {
             None => (0..all.len() as u32).collect(),
@@ -83,7 +84,7 @@ impl<'a> Scene<'a> {
     }
 
     /// What lies in the region of interest and around it, `times` as far as it is large, in the same frame.
-    pub(crate) fn with_surroundings(&self, roi: [[f64; 3]; 2], times: f64) -> Self {
+    pub(super) fn with_surroundings(&self, roi: [[f64; 3]; 2], times: f64) -> Self {
         let [lower, upper] = roi.map(|corner| Vector3::from(corner) - Vector3::from(self.cloud.origin()));
         let margin = Vector3::repeat(times * (upper - lower).max());
         let all = self.cloud.local_points();
@@ -99,29 +100,49 @@ impl<'a> Scene<'a> {
     }
 
     /// The points that are also among the points `kept` of another scene of the cloud.
-    pub(crate) fn shared(&self, other: &Self, kept: &[u32]) -> Vec<u32> {
+    pub(super) fn shared(&self, other: &Self, kept: &[u32]) -> Vec<u32> {
         let mut is_kept = vec![false; self.cloud.len()];
         kept.iter().for_each(|&i| is_kept[other.rows[i as usize] as usize] = true);
         (0_u32..).zip(&self.rows).filter(|(_, row)| is_kept[**row as usize]).map(|(i, _)| i).collect()
     }
 
     /// Turns a point of the cloud into the frame of the scene.
-    pub(crate) fn local(&self, point: [f64; 3]) -> [f64; 3] {
+    pub(super) fn local(&self, point: [f64; 3]) -> [f64; 3] {
         (self.inverse * Point3::from(point)).coords.into()
     }
 
+    /// Row of the input for each point.
+    pub(super) fn input_rows(&self) -> impl Iterator<Item = u32> {
+        self.rows.iter().map(|&row| self.cloud.input_index()[row as usize])
+    }
+
+    /// Whether the cloud has the places of the sensors, so that normals can point outward.
+    pub(super) fn has_viewpoints(&self) -> bool {
+        self.cloud.has_viewpoints()
+    }
+
+    /// Whether a place of the sensor is known or assumed for every point.
+    pub(super) fn is_oriented(&self) -> bool {
+        !self.places.is_empty()
+    }
+
+    /// The place from which one view is assumed to have seen all, where none is known.
+    pub(super) fn assumed_view(&self) -> Option<Vector3<f64>> {
+        self.places.first().copied().filter(|_| !self.has_viewpoints())
+    }
+
     /// The position that point `i` was seen from, where the cloud has such.
-    pub(crate) fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
+    pub(super) fn viewpoint(&self, i: usize) -> Option<[f64; 3]> {
         self.places.get(self.place_of(i)).map(|place| (*place).into())
     }
 
     /// Standard deviation of the points along their rays \[length\], about the planes of `neighbors` rays.
-    pub(crate) fn noise_along_rays(&self, neighbors: usize) -> Result<f64> {
+    pub(super) fn noise_along_rays(&self, neighbors: usize) -> Result<f64> {
         noise_along_rays(&self.points, &self.positions(), |i| self.place_of(i), neighbors)
     }
 
     /// The points, each averaged along its ray with the `neighbors` nearest rays of its view.
-    pub(crate) fn smoothed_along_rays(&self, neighbors: usize) -> Result<Vec<[f64; 3]>> {
+    pub(super) fn smoothed_along_rays(&self, neighbors: usize) -> Result<Vec<[f64; 3]>> {
         smooth_along_rays(&self.points, &self.positions(), |i| self.place_of(i), neighbors)
     }
 
@@ -141,7 +162,7 @@ impl<'a> Scene<'a> {
     /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part
     /// where it is `None`, but not to those of the part whose voxel is none of `on_surface`: strays would hide the empty
     /// space behind them. `None` without viewpoints.
-    pub(crate) fn sight(
+    pub(super) fn sight(
         &self,
         region: Option<&[u32]>,
         grid: &VoxelGrid,
@@ -183,7 +204,7 @@ impl<'a> Scene<'a> {
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
     /// that thing itself, which is found by looking again at what the last look has left.
-    pub(crate) fn isolated(mut self, params: &OutlierParams) -> Result<Self> {
+    pub(super) fn isolated(mut self, params: &OutlierParams) -> Result<Self> {
         const LOOKS: usize = 4;
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
@@ -205,7 +226,7 @@ impl<'a> Scene<'a> {
 
     /// Every so manieth point where there are more than `most`, and as thin a `region` around: the depth maps count on
     /// points that are as dense everywhere.
-    pub(crate) fn thinned(self, most: usize, region: &mut Option<Vec<u32>>) -> Self {
+    pub(super) fn thinned(self, most: usize, region: &mut Option<Vec<u32>>) -> Self {
         let step = self.points.len().div_ceil(most);
         if step <= 1 {
             return self;
@@ -227,7 +248,7 @@ impl<'a> Scene<'a> {
         self.select(&kept)
     }
 
-    pub(crate) fn select(self, kept: &[u32]) -> Self {
+    pub(super) fn select(self, kept: &[u32]) -> Self {
         let pick = |rows: &[[f64; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
         Self {
             points: pick(&self.points),
@@ -245,7 +266,7 @@ fn within(points: &[[f64; 3]], [lower, upper]: [Vector3<f64>; 2]) -> Vec<u32> {
 }
 
 /// Fails where a stage has left too few points.
-pub(crate) fn enough(stage: &'static str, got: usize) -> Result<()> {
+pub(super) fn enough(stage: &'static str, got: usize) -> Result<()> {
     if got >= MIN_POINTS {
         return Ok(());
     }

@@ -1,0 +1,132 @@
+//! From the raw cloud to the surface of the part: region, frame, ground, voxels, outliers, cluster, normals.
+
+mod clean;
+mod patches;
+mod resolution;
+mod scene;
+mod support;
+mod voxels;
+
+use nalgebra::{Isometry3, Translation3, Vector3};
+
+use crate::cloud::PointCloud;
+use crate::config::{Config, NonFinite, TrackingParams};
+use crate::error::{Error, Result};
+use crate::stages::Stages;
+use crate::symmetry::axis::Axis;
+use crate::symmetry::score::MatchScore;
+use crate::symmetry::sight::Sight;
+use crate::symmetry::surface::Surface;
+use crate::symmetry::visibility::Visibility;
+use clean::{Cleaned, clean};
+use patches::Patches;
+use resolution::width;
+use scene::{Scene, enough};
+use support::{Part, cut_out};
+use voxels::Voxels;
+
+/// The surface of the part in a frame that turns with the data, and where it came from.
+pub(crate) struct Prepared {
+    /// World from the local frame in which everything below is given.
+    pub world_from_local: Isometry3<f64>,
+    /// The part.
+    pub surface: Surface,
+    /// Its points as they were measured; those of the surface may be smoothed \[length\].
+    pub measured: Vec<Vector3<f64>>,
+    /// Size of the part \[length\].
+    pub diameter: f64,
+    /// Edge of a voxel \[length\].
+    pub voxel_size: f64,
+    /// How far apart the points of the surface lie, at least 1 [their distance where every voxel has one].
+    pub sparseness: f64,
+    /// Input rows behind the surface, ascending.
+    pub inliers: Vec<u32>,
+    /// For each of them its point of the surface.
+    pub point_of_inlier: Vec<u32>,
+    /// The support plane, local frame.
+    pub ground: Option<[f64; 4]>,
+    /// What the cameras saw to be empty.
+    pub visibility: Option<Visibility>,
+    /// Whether normals point outward, since viewpoints are known.
+    pub outward: bool,
+    /// Mean unit direction from the part to its sensors, short when they stand all round.
+    pub toward_sensors: Option<Vector3<f64>>,
+}
+
+impl Prepared {
+    /// How far to trust an axis about which this became of the rotated points, in [0, 1].
+    pub(crate) fn trust(&self, score: &MatchScore) -> f64 {
+        score.trust(self.visibility.is_some())
+    }
+
+    /// Whether a single view, whose place is known, shows all there is.
+    pub(crate) fn one_view(&self) -> bool {
+        self.visibility.as_ref().is_some_and(|visibility| visibility.views() == 1)
+    }
+
+    /// What the cameras say about places near `axis`.
+    pub(crate) fn sight(&self, axis: &Axis) -> Sight<'_> {
+        Sight::about(axis, &self.surface, self.visibility.as_ref())
+    }
+}
+
+/// Runs all stages before the search for the axis; with `tracking` on fewer points.
+pub(crate) fn prepare(
+    cloud: &PointCloud,
+    config: &Config,
+    tracking: Option<&TrackingParams>,
+    stages: &mut Stages,
+) -> Result<Prepared> {
+    count_points(cloud, config, stages)?;
+    let scene = Scene::new(cloud, config)?;
+
+    stages.begin("ground")?;
+    let Part { scene: mut part, ground, mut region } = cut_out(scene, config, stages)?;
+    if let Some(TrackingParams { points, .. }) = tracking {
+        part = part.thinned(*points, &mut region);
+    }
+    enough("ground", part.points.len())?;
+
+    stages.begin("downsample")?;
+    let diameter = width(&part.points);
+    let voxels = Voxels::new(&mut part, diameter, config, tracking, stages)?;
+    let voxel_size = voxels.size;
+
+    stages.begin("outliers")?;
+    let cleaned = clean(&part, region.as_deref(), &voxels, diameter, config, stages)?;
+
+    stages.begin("normals")?;
+    let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
+    let (inliers, point_of_inlier) = patches.inliers(&part);
+    let mut surface = patches.surface(voxel_size, config.propose.gate * diameter);
+    surface.assumed_view = part.assumed_view();
+    let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
+    let measured = patches.measured();
+    let Cleaned { sparseness, visibility, .. } = cleaned;
+    Ok(Prepared {
+        world_from_local: Translation3::from(Vector3::from(cloud.origin())) * part.frame,
+        surface,
+        measured,
+        diameter,
+        voxel_size,
+        sparseness,
+        inliers,
+        point_of_inlier,
+        ground,
+        visibility,
+        outward: part.has_viewpoints(),
+        toward_sensors,
+    })
+}
+
+/// Notes how many points there are, and fails where some are not finite and none may be.
+fn count_points(cloud: &PointCloud, config: &Config, stages: &mut Stages) -> Result<()> {
+    if config.non_finite == NonFinite::Error && cloud.dropped() > 0 {
+        let total = cloud.dropped() + cloud.far() + cloud.len();
+        return Err(Error::NonFinite { count: cloud.dropped(), total });
+    }
+    stages.number("input_points", cloud.len() as f64);
+    stages.number("non_finite_points", cloud.dropped() as f64);
+    stages.number("far_points", cloud.far() as f64);
+    Ok(())
+}

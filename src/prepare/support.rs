@@ -1,0 +1,54 @@
+//! The part, cut out of the scene: the plane that it stands on is found, and what else stands there is left out.
+
+use super::scene::{Scene, enough};
+use crate::config::{ClusterMode, Config};
+use crate::error::Result;
+use crate::preprocess::{Ground, GroundParams, find_ground};
+use crate::stages::Stages;
+
+/// How far around a region of interest its support is looked for [extents of the region].
+const WIDER: [f64; 2] = [0.5, 2.0];
+
+/// The part, where it stands.
+pub(super) struct Part<'a> {
+    /// What is left of the scene.
+    pub(super) scene: Scene<'a>,
+    /// The support plane, in the frame of the scene.
+    pub(super) ground: Option<[f64; 4]>,
+    /// Rows of the cloud in the scene as it was before, where anything was left out.
+    pub(super) region: Option<Vec<u32>>,
+}
+
+/// Leaves out the support plane and, where there is one, what stands apart from the largest thing on it.
+pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages) -> Result<Part<'a>> {
+    let Some(Ground { plane, kept, reason, removed, .. }) = find_support(&scene, config)? else {
+        return Ok(Part { scene, ground: None, region: None });
+    };
+    stages.text("ground", &reason);
+    stages.number("ground_points", removed as f64);
+    let region = Some(scene.rows.clone());
+    let scene = scene.select(&kept);
+    let scene = match config.cluster {
+        ClusterMode::Main => scene.isolated(&config.outliers)?,
+        ClusterMode::Off => scene,
+    };
+    Ok(Part { scene, ground: Some(plane), region })
+}
+
+/// The plane that the part stands on; its `kept` and `removed` are of the points of `scene`.
+fn find_support(scene: &Scene, config: &Config) -> Result<Option<Ground>> {
+    let params = GroundParams { seed: config.seed, ..config.plane.clone() };
+    let find = |scene: &Scene| find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground);
+    let within = find(scene)?;
+    let Some(roi) = config.roi.filter(|_| within.is_none()) else { return Ok(within) };
+    // A box about the part leaves so little of its support that this looks like a face of the part.
+    for times in WIDER {
+        let around = scene.with_surroundings(roi, times);
+        if let Some(ground) = find(&around)? {
+            let kept = scene.shared(&around, &ground.kept);
+            let removed = scene.points.len() - kept.len();
+            return Ok(enough("ground", kept.len()).is_ok().then_some(Ground { kept, removed, ..ground }));
+        }
+    }
+    Ok(None)
+}
