@@ -1,6 +1,6 @@
 //! The axes that a search or an earlier pose gave, refined one after the other until one holds.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix4, Point3, Vector3};
 
 use crate::config::Config;
 use crate::control::Control;
@@ -12,6 +12,7 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::pace::matching_pace;
 use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
@@ -175,10 +176,14 @@ impl Estimator {
         let near = align_coarse(surface, &coarse, start, &turns, *residual, gates, params, control)?;
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
         let samples = surface.samples.scattered(params.samples, surface.spacing);
-        let mut aligned =
-            align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
-        aligned.gain = aligned.gain.min(near.gain);
+        let aligned = align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
         refine_jointly(surface, &samples, &aligned, order, *residual, self.config().joint, params, control)
+    }
+
+    /// How fast matching goes about the axis found.
+    pub(crate) fn pace(&self, surface: &Surface, axis: &Axis, order: Order) -> Result<Matrix4<f64>> {
+        let Config { residual, refine: params, .. } = self.config();
+        matching_pace(surface, axis, &Turns::half(order, params.max_turns), *residual, params)
     }
 
     /// What a match may differ in where an axis is judged.

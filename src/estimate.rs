@@ -169,7 +169,6 @@ impl Estimator {
             stages.number("dropout", visibility.dropout);
         }
         stages.number("sigma", found.sigma);
-        stages.number("gain", found.gain);
         stages.number("rounds", found.rounds as f64);
         stages.series("joint_cost", &found.costs);
         stages.number("yaw_angle", heading.angle);
@@ -182,8 +181,11 @@ impl Estimator {
         let (local_from_object, angle) = place(&axis, height, heading.angle, order, preferred);
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let radius = 0.5 * prepared.diameter;
-        let (covariance, unobservable) =
-            pose_covariance(&found.sandwich, found.gain, radius, angle, height, along);
+        let pace = self.pace(surface, &axis, order)?;
+        stages.series("pace", pace.as_slice());
+        // The axis may have been turned over since it was found.
+        let sandwich = if axis == found.axis { found.sandwich } else { found.sandwich.reversed() };
+        let (covariance, unobservable) = pose_covariance(&sandwich, &pace, radius, angle, height, along);
         let mut framed = Framed { local_from_object, covariance, unobservable };
         if let Some(reference) = &request.reference {
             stages.begin("register")?;

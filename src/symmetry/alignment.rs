@@ -133,13 +133,22 @@ impl Term<'_> {
     }
 }
 
-/// What the uncertainty of the axis is made of.
+/// What the uncertainty of the axis is made of, by tilt about its two tangents and shift along them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sandwich {
     /// J'WJ.
     pub hessian: Matrix4<f64>,
     /// Sum over patches of the outer product of J'Wr.
     pub scatter: Matrix4<f64>,
+}
+
+impl Sandwich {
+    /// The same for the axis in the opposite direction, whose first tangent is opposite, too.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        let turned = Matrix4::from_diagonal(&[-1.0, 1.0, -1.0, 1.0].into());
+        Self { hessian: turned * self.hessian * turned, scatter: turned * self.scatter * turned }
+    }
 }
 
 /// Normal equations of one point that may move in `D` directions: axis block, point block, and their coupling.

@@ -41,6 +41,16 @@ impl Axis {
         }
     }
 
+    /// The step that leads to a line nearby: [`Axis::retract`] takes it there, but for terms of second order.
+    #[must_use]
+    pub fn step_to(&self, other: &Self) -> Vector4<f64> {
+        let [u, v] = self.tangents();
+        let turned = other.direction.into_inner() - self.direction.into_inner();
+        let shifted = other.project(&self.point) - self.point;
+        // A tilt about u moves the direction along -v, one about v along u.
+        Vector4::new(-v.dot(&turned), u.dot(&turned), u.dot(&shifted), v.dot(&shifted))
+    }
+
     /// The same line, held by its point nearest to `center`.
     #[must_use]
     pub fn recentered(&self, center: &Vector3<f64>) -> Self {
@@ -118,6 +128,12 @@ mod tests {
         let moved = axis.retract(&Vector4::new(0.0, 1e-3, 0.2, 0.0));
         assert!((moved.angle_to(&axis) - 1e-3).abs() < 1e-12);
         assert!((moved.point - axis.point - u * 0.2).norm() < 1e-14);
+    }
+
+    #[test]
+    fn a_step_leads_where_it_was_read_from() {
+        let step = Vector4::new(1e-6, -2e-6, 3e-6, 4e-6);
+        assert!((oblique().step_to(&oblique().retract(&step)) - step).norm() < 1e-10);
     }
 
     #[test]

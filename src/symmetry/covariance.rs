@@ -20,21 +20,35 @@ pub(crate) const INFLATION: f64 = 1.6;
 /// Relative curvature below which an axis parameter counts as free.
 const RANK_TOLERANCE: f64 = 1e-9;
 
+/// Least share of an error that a round is taken to make good: below it, that was not measured.
+const LEAST_PACE: f64 = 0.05;
+
+/// The inverse of a pace, none of whose singular values counts as less than [`LEAST_PACE`] or more than 1.
+fn bounded_inverse(pace: &Matrix4<f64>) -> Matrix4<f64> {
+    let Some(mut svd) = pace.try_svd(true, true, f64::EPSILON, 100) else {
+        return Matrix4::identity() / LEAST_PACE;
+    };
+    svd.singular_values.apply(|share| *share = share.clamp(LEAST_PACE, 1.0));
+    svd.pseudo_inverse(0.0).unwrap_or_else(|_| Matrix4::identity() / LEAST_PACE)
+}
+
 /// The 6x6 covariance (rotation x y z \[rad\], translation x y z \[length\]; object frame) and its free directions.
 ///
 /// `sandwich` belongs to tilt about both tangents and shift along both, about the point of the axis; `radius` is the
 /// size of the part, which makes tilt and shift comparable. `heading` turns the tangents into +x and +y; `height` is where
 /// the origin lies above the point of the axis.
 ///
-/// `gain` is the share of an error that shows in the residuals: matches are made anew wherever the axis is, so that noise
-/// hides the rest, and J'WJ for fixed matches promises too much.
+/// `pace` is the share of an error that shows in the residuals ([`matching_pace`]): matches are made anew wherever the
+/// axis is, so that J'WJ for fixed matches promises too much.
 ///
 /// The inverse of J'WJ alone would be far too small: each point takes part in many residuals, and neighbours share their
 /// errors (Bonnabel et al., arXiv 1410.7632, on ICP).
+///
+/// [`matching_pace`]: crate::symmetry::pace::matching_pace
 #[must_use]
 pub fn pose_covariance(
     sandwich: &Sandwich,
-    gain: f64,
+    pace: &Matrix4<f64>,
     radius: f64,
     heading: f64,
     height: f64,
@@ -42,7 +56,7 @@ pub fn pose_covariance(
 ) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
     let mut free = Vec::new();
     let scale = Matrix4::from_diagonal(&[1.0 / radius, 1.0 / radius, 1.0, 1.0].into());
-    let scaled = gain * scale * sandwich.hessian * scale;
+    let scaled = scale * sandwich.hessian * scale;
     let scatter = scale * sandwich.scatter * scale;
     let largest = scaled.diagonal().max();
     let mut axis_covariance = Matrix4::zeros();
@@ -58,7 +72,9 @@ pub fn pose_covariance(
                 }
             }
         }
-        axis_covariance = INFLATION * scale * inverse * scatter * inverse * scale;
+        let lever = Matrix4::from_diagonal(&[radius, radius, 1.0, 1.0].into());
+        let step = bounded_inverse(&(lever * pace * scale)) * inverse;
+        axis_covariance = INFLATION * scale * step * scatter * step.transpose() * scale;
         if free_parameter[0] || free_parameter[1] {
             free.push(FreeDirection::Tilt);
         }

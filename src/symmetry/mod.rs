@@ -11,6 +11,7 @@ mod field;
 pub mod fold;
 pub mod order;
 pub mod orient;
+pub mod pace;
 pub(crate) mod peaks;
 pub mod propose;
 pub mod refine;

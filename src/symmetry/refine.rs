@@ -77,8 +77,6 @@ pub struct Refined {
     pub rounds: usize,
     /// Whether the last round moved less than the tolerance.
     pub converged: bool,
-    /// Share of an error of the axis that one round of matching makes good, in (0, 1]; the rest is lost to the noise.
-    pub gain: f64,
     /// What the uncertainty of the four axis parameters is made of.
     pub sandwich: Sandwich,
     /// Robust joint cost per match before and after the joint optimisation [squared length].
@@ -201,10 +199,11 @@ pub fn align(
         share: 0.0,
         rounds: 0,
         converged: false,
-        gain: 1.0,
         sandwich: Sandwich::default(),
         costs: Vec::new(),
     };
+    // Share of an error of the axis that a round makes good, in (0, 1]; the rest is lost to the noise.
+    let mut gain = 1.0;
     let schedule = gates(first_gate, last_gate);
     for (level, &distance) in schedule.iter().enumerate() {
         let last = level + 1 == schedule.len();
@@ -213,37 +212,24 @@ pub fn align(
         let mut before: Option<Motion> = None;
         for _ in 0..rounds {
             control.check()?;
-            let correspondences = Correspondences::find(surface, samples, &axis, turns, gate);
-            let mut found = residuals(surface, samples, &axis, turns, &correspondences, residual);
-            let sigma = robust_sigma(&mut found).max(1e-9 * radius);
-            let problem = SelfAlignment {
-                surface,
-                samples,
-                turns,
-                correspondences: &correspondences,
-                residual,
-                loss: Huber { width: params.huber_width * sigma },
-                anchor: params.anchor,
-                max_offset: 0.0,
-            };
-            let solved = minimize(&problem, Unknowns { axis, offsets: Vec::new() }, 1)?;
-            let moved = solved.param.axis.recentered(&centroid);
+            let Round { axis: moved, sigma, share } =
+                round(surface, samples, &axis, turns, gate, residual, params)?;
             let motion = Motion::between(&axis, &moved, radius);
             // Under a wide gate the first steps are large and say little about the next ones.
             let ratio = before.filter(|_| last).and_then(|before| motion.ratio(&before));
             if let Some(ratio) = ratio {
-                refined.gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
+                gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
             }
             // Aitken's extrapolation to where ever shorter steps would end.
             let ahead = ratio.map_or(0.0, |ratio| 1.0 / (1.0 - ratio).max(LEAST_GAIN) - 1.0);
             // What is left when each round makes good only a share; an extrapolated step needs one more to say so.
-            let step = motion.length() / refined.gain;
+            let step = motion.length() / gain;
             axis = motion.applied(&moved, ahead, radius).recentered(&centroid);
             // An extrapolated step says nothing about the pace.
             before = (ahead == 0.0).then_some(motion);
             refined.rounds += 1;
             refined.sigma = sigma;
-            refined.share = correspondences.share();
+            refined.share = share;
             refined.converged = step < params.tolerance * surface.spacing;
             if refined.converged || (!last && step < 0.1 * distance) {
                 break;
@@ -252,6 +238,43 @@ pub fn align(
     }
     refined.axis = axis;
     Ok(refined)
+}
+
+/// An axis after one round of matching.
+pub(super) struct Round {
+    /// Held by its point nearest to the centroid of the surface.
+    pub(super) axis: Axis,
+    /// Robust standard deviation of the residuals before the step \[length\].
+    sigma: f64,
+    /// Share of rotated points that met the surface.
+    share: f64,
+}
+
+/// Matches once and takes one step.
+pub(super) fn round(
+    surface: &Surface,
+    samples: &Samples,
+    axis: &Axis,
+    turns: &Turns,
+    gate: Gate,
+    residual: Residual,
+    params: &RefineParams,
+) -> Result<Round> {
+    let correspondences = Correspondences::find(surface, samples, axis, turns, gate);
+    let mut found = residuals(surface, samples, axis, turns, &correspondences, residual);
+    let sigma = robust_sigma(&mut found).max(1e-9 * surface.radius);
+    let problem = SelfAlignment {
+        surface,
+        samples,
+        turns,
+        correspondences: &correspondences,
+        residual,
+        loss: Huber { width: params.huber_width * sigma },
+        anchor: params.anchor,
+        max_offset: 0.0,
+    };
+    let solved = minimize(&problem, Unknowns { axis: *axis, offsets: Vec::new() }, 1)?;
+    Ok(Round { axis: solved.param.axis.recentered(&surface.centroid), sigma, share: correspondences.share() })
 }
 
 /// The paper's joint optimisation: axis and points together, from an aligned axis, on `samples` of the surface; then all

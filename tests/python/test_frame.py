@@ -67,3 +67,35 @@ def test_a_stream_of_poses_neither_jumps_nor_turns_over(sectors: int, over: bool
     assert found.axis @ before[:3, 2] > 0.999
     # Turned over, the part has another yaw; within a sector it must be near in any case.
     assert found.pose[:3, 0] @ before[:3, 0] > np.cos(np.radians(2.0 if not over else 36.1))
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_the_covariance_turns_over_with_the_axis(seed: int) -> None:
+    """Which way the search leaves the axis says nothing; a tracked one begins the right way up."""
+    seen = scan(part("propeller_2"), views=2, seed=seed)
+    everything = sympose.Config(tracking={"points": 10_000_000, "coarsening": 1.0})
+    cloud = {
+        "scene": seen.scene.points,
+        "viewpoints": seen.scene.viewpoints,
+        "order": 2,
+        "config": everything,
+    }
+    found = sympose.estimate(**cloud)
+    tracked = sympose.estimate(**cloud, initial=found)
+    np.testing.assert_allclose(tracked.pose, found.pose, atol=1e-6)
+    axis = np.ix_([0, 1, 3, 4], [0, 1, 3, 4])
+    deviations = np.sqrt(np.diag(found.covariance[axis]))
+    apart = (tracked.covariance - found.covariance)[axis] / np.outer(deviations, deviations)
+    assert np.abs(apart).max() < 0.1
+    assert np.abs(found.covariance[0, 1]) > 0.3 * deviations[0] * deviations[1]
+
+
+@pytest.mark.parametrize(("name", "seed"), [("propeller_2", 2), ("wheel_hub_5", 1), ("impeller_9", 1)])
+def test_much_noise_is_not_told_for_no_knowledge(name: str, seed: int) -> None:
+    one = part(name)
+    seen = scan(one, views=5, seed=seed, sigma=0.005)
+    found = sympose.estimate(seen.scene.points, order=one.order, viewpoints=seen.scene.viewpoints)
+    error = np.degrees(np.arccos(min(1.0, abs(found.axis @ seen.axis))))
+    stated = np.degrees(np.sqrt(found.covariance[0, 0] + found.covariance[1, 1]))
+    # Of two normal errors together, one in a thousand is beyond 2.6 standard deviations of both.
+    assert error / 2.6 < stated < 0.5
