@@ -90,7 +90,8 @@ def test_the_covariance_is_told_by_class_and_without_wrong_answers() -> None:
         row("a", EDGE, axis_chi_sq=1.0, **figures),
     ]
     last = covariance_table(rows).splitlines()[-1]
-    assert last == f"| {SPHERE.label}, own, wheel_hub | 2 | 50 % | 0.100 | 0.200 | 0.000200 | 0.000300 |"
+    axis, shift = "2.00 | 0.100 | 0.200", "1.50 | 0.000200 | 0.000300"
+    assert last == f"| {SPHERE.label}, own, wheel_hub | 2 | 50 % | {axis} | {shift} |"
 
 
 # ---- checks --------------------------------------------------------------------------------
