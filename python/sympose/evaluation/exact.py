@@ -83,8 +83,8 @@ def taught_rows(
 def covariance_table(rows: Sequence[Row]) -> str:
     """By class: share of the true axes inside the 95 % region, and errors over stated standard deviations.
 
-    The root mean square of error over stated, scan by scan, is 1 where the uncertainty is right. One scan with
-    a large stated deviation, maybe rightly so, does not hide the others in it, as it does in a mean.
+    The root mean square of error over stated, scan by scan, is 1 where the uncertainty is right. One scan
+    with a large stated deviation, maybe rightly so, does not hide the others in it, as it does in a mean.
 
     Only of answers within 1 deg to scans with no other trouble than noise: the covariance is that of noise
     about a solution, not of a wrong one.
