@@ -8,11 +8,12 @@ use rayon::prelude::*;
 
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::{Config, GroundMode, TrackingParams};
+use crate::config::{Config, GroundMode};
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::frames::{height_over, place, plane_in_world};
-use crate::prepare::{Prepared, prepare};
+use crate::locate::Aligned;
+use crate::prepare::Prepared;
 use crate::reference::{ORIENTED, Reference, Scan};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
@@ -23,10 +24,9 @@ use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
-use crate::symmetry::propose::Proposal;
 use crate::symmetry::refine::Refined;
 use crate::symmetry::score::{MatchScore, match_score};
-use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
+use crate::symmetry::search::Found;
 use crate::symmetry::surface::Samples;
 
 /// What one call adds to the configuration.
@@ -123,7 +123,7 @@ impl Estimator {
         let cloud = placed.as_ref().unwrap_or(cloud);
         let Aligned { prepared, candidates, settled } = match request.initial {
             Some(initial) => self.track(cloud, initial, &mut stages)?,
-            None => self.search(self.prepare(cloud, None, &mut stages)?, &mut stages)?,
+            None => self.search(cloud, &mut stages)?,
         };
         let surface = &prepared.surface;
         let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
@@ -164,18 +164,9 @@ impl Estimator {
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.flag(ORIENTED, prepared.outward);
         stages.number("coverage", completion.coverage);
-        stages.series("outcomes", &score.counts());
-        if let Some(visibility) = &prepared.visibility {
-            stages.number("dropout", visibility.dropout);
-        }
-        stages.number("sigma", found.sigma);
-        stages.number("rounds", found.rounds as f64);
-        stages.series("joint_cost", &found.costs);
         stages.number("yaw_angle", heading.angle);
-        stages.number("structured", detection.structured);
-        stages.number("generic_evidence", detection.generic);
-        stages.series("order_evidence", &detection.against);
         stages.series("yaw_histogram", &heading.histogram);
+        note_evidence(&prepared, &found, &score, &detection, &mut stages);
 
         let preferred = request.prefer.or(request.initial).map(in_local);
         let (local_from_object, angle) = place(&axis, height, heading.angle, order, preferred);
@@ -228,93 +219,6 @@ impl Estimator {
         })
     }
 
-    fn prepare(
-        &self,
-        cloud: &PointCloud,
-        tracking: Option<&TrackingParams>,
-        stages: &mut Stages,
-    ) -> Result<Prepared> {
-        stages.begin("input")?;
-        prepare(cloud, &self.config, tracking, stages)
-    }
-
-    /// Refines the axis of an earlier pose: on a few points, where that is not certain on all of them, and where that is
-    /// lost searches again.
-    fn track(&self, cloud: &PointCloud, initial: Isometry3<f64>, stages: &mut Stages) -> Result<Aligned> {
-        let prepared = match self.prepare(cloud, Some(&self.config.tracking), stages) {
-            // What is too little here may be enough without tracking.
-            Err(Error::InsufficientData { .. }) => None,
-            prepared => Some(prepared?),
-        };
-        if let Some(prepared) = prepared
-            && let Ok(tracked) = self.refine_from(prepared, initial, FOLLOWED, stages)?
-        {
-            return Ok(tracked);
-        }
-        stages.text("tracking", "not certain on fewer points: refined on all");
-        let prepared = self.prepare(cloud, None, stages)?;
-        match self.refine_from(prepared, initial, TRACKED, stages)? {
-            Ok(tracked) => Ok(tracked),
-            Err(prepared) => {
-                stages.text("tracking", "lost: searched again");
-                self.search(prepared, stages)
-            }
-        }
-    }
-
-    /// Refines the axis of an earlier pose, or gives the surface back where the score is below `least`.
-    fn refine_from(
-        &self,
-        prepared: Prepared,
-        initial: Isometry3<f64>,
-        least: f64,
-        stages: &mut Stages,
-    ) -> Result<std::result::Result<Aligned, Prepared>> {
-        stages.begin("refine")?;
-        let local_from_object = prepared.world_from_local.inverse() * initial;
-        let direction = local_from_object * Vector3::z();
-        let Some(axis) = Axis::new(direction, local_from_object.translation.vector) else {
-            return Ok(Err(prepared));
-        };
-        let proposal = Proposal { axis, score: MatchScore::default() };
-        let order = Some(self.config.order).filter(|order| *order != Order::Auto);
-        let candidates =
-            vec![Found { proposal, order, hypothesis: order.unwrap_or(Order::Continuous), explained: 0.0 }];
-        Ok(match self.settle(&prepared, &candidates, stages.control()) {
-            Ok(settled) if prepared.trust(&settled.score) >= least => {
-                Ok(Aligned { prepared, candidates, settled })
-            }
-            Ok(_) | Err(Error::NoSymmetry { .. }) => Err(prepared),
-            Err(error) => return Err(error),
-        })
-    }
-
-    /// The part about the best axis that the search finds.
-    fn search(&self, prepared: Prepared, stages: &mut Stages) -> Result<Aligned> {
-        let config = &self.config;
-        stages.begin("propose")?;
-        let surface = &prepared.surface;
-        let hints: Vec<Vector3<f64>> =
-            prepared.ground.iter().map(|[x, y, z, _]| Vector3::new(*x, *y, *z)).collect();
-        let context = SearchContext {
-            diameter: prepared.diameter,
-            hints: &hints,
-            within: self.hint(&prepared),
-            visibility: prepared.visibility.as_ref(),
-            propose: &config.propose,
-            detect: &config.detect,
-            gate: self.final_gate(surface),
-            control: stages.control(),
-        };
-        let candidates = match config.order {
-            Order::Auto => search_unknown(surface, &context)?,
-            order => search_known(surface, order, &context)?,
-        };
-        stages.begin("refine")?;
-        let settled = self.settle(&prepared, &candidates, stages.control())?;
-        Ok(Aligned { prepared, candidates, settled })
-    }
-
     /// Match score of rotations by any angle.
     fn match_curve(&self, prepared: &Prepared, axis: &Axis) -> Vec<[f64; 2]> {
         const ANGLES: usize = 180;
@@ -335,6 +239,26 @@ impl Estimator {
     }
 }
 
+/// Puts what speaks for the axis and its order into the diagnostics.
+fn note_evidence(
+    prepared: &Prepared,
+    found: &Refined,
+    score: &MatchScore,
+    detection: &Detection,
+    stages: &mut Stages,
+) {
+    stages.number("sigma", found.sigma);
+    stages.number("rounds", found.rounds as f64);
+    stages.series("joint_cost", &found.costs);
+    stages.series("outcomes", &score.counts());
+    if let Some(visibility) = &prepared.visibility {
+        stages.number("dropout", visibility.dropout);
+    }
+    stages.number("structured", detection.structured);
+    stages.number("generic_evidence", detection.generic);
+    stages.series("order_evidence", &detection.against);
+}
+
 /// Where a plane was to be removed in any case.
 const NO_GROUND: &str =
     "ground = \"on\", but no plane has what is near it on one side and touching it; none was removed";
@@ -342,22 +266,8 @@ const NO_GROUND: &str =
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;
 
-/// Score below which a pose counts as lost, and the search goes on.
-pub(crate) const TRACKED: f64 = 0.5;
-
-/// Score below which a pose tracked on fewer points is refined on all of them: thin walls may have come to rest on one
-/// another.
-const FOLLOWED: f64 = 0.8;
-
 /// What is left of the score when another axis explains the data about as well: the answer is one of two.
 const AMBIGUOUS: f64 = 0.5;
-
-/// A surface with the axis that was found for it, and the axes that were considered.
-struct Aligned {
-    prepared: Prepared,
-    candidates: Vec<Found>,
-    settled: Settled,
-}
 
 /// A pose with what is known of it.
 struct Framed {

@@ -64,6 +64,7 @@ pub mod estimate;
 mod frames;
 #[cfg(feature = "io")]
 pub mod io;
+mod locate;
 mod median;
 pub mod metrics;
 mod prepare;
