@@ -15,7 +15,7 @@ pub struct AlongAxis {
 }
 
 /// What errors common to many patches add to the variance; from the coverage on synthetic scans.
-pub(crate) const INFLATION: f64 = 1.6;
+pub(crate) const INFLATION: f64 = 2.0;
 
 /// Relative curvature below which an axis parameter counts as free.
 const RANK_TOLERANCE: f64 = 1e-9;
