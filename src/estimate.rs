@@ -154,7 +154,7 @@ impl Estimator {
         let (axis, sign_rule) = decide_sign(&found.axis, previous, up, prepared.toward_sensors, &folded);
         let folded =
             if axis == found.axis { folded } else { fold(&framing, &axis, order, prepared.voxel_size) };
-        let completion = complete(&refined.points, &axis, order, prepared.voxel_size);
+        let mut completion = complete(&refined.points, &axis, order, prepared.voxel_size);
 
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
@@ -194,7 +194,12 @@ impl Estimator {
             framed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
         }
         let Framed { local_from_object, covariance, unobservable } = framed;
-        let match_curve = self.match_curve(&prepared, &axis);
+        // The frame of a reference may be the other way up.
+        let z = local_from_object * Vector3::z_axis();
+        let is_reversed = z.dot(&axis.direction) < 0.0;
+        completion = if is_reversed { completion.reversed(order) } else { completion };
+        let up = Axis { direction: if is_reversed { -axis.direction } else { axis.direction }, ..axis };
+        let match_curve = self.match_curve(&prepared, &up);
         let world = |p: &Vector3<f64>| (prepared.world_from_local * Point3::from(*p)).coords.into();
         let (timings, diagnostics) = stages.finish();
         Ok(Estimate {

@@ -22,7 +22,7 @@ pub(crate) const TRACKED: f64 = 0.5;
 /// another.
 const FOLLOWED: f64 = 0.8;
 
-/// A surface with the axis that was found for it, and the axes that were considered.
+/// A surface with the axis that was found for it, and the axes that a search considered.
 pub(crate) struct Aligned {
     pub(crate) prepared: Prepared,
     pub(crate) candidates: Vec<Found>,
@@ -84,7 +84,8 @@ impl Estimator {
             vec![Found { proposal, order, hypothesis: order.unwrap_or(Order::Continuous), explained: 0.0 }];
         Ok(match self.settle(&prepared, &candidates, stages.control()) {
             Ok(settled) if prepared.trust(&settled.score) >= least => {
-                Ok(Aligned { prepared, candidates, settled })
+                // Nothing was searched.
+                Ok(Aligned { prepared, candidates: Vec::new(), settled })
             }
             Ok(_) | Err(Error::NoSymmetry { .. }) => Err(prepared),
             Err(error) => return Err(error),

@@ -28,7 +28,7 @@ pub struct Candidate {
     pub axis: [f64; 3],
     /// The point of the axis nearest to the centroid of the part, world frame.
     pub center: [f64; 3],
-    /// Order that was tried or found.
+    /// Order that was tried or found; `Auto` where none was found about it.
     pub order: Order,
     /// Match score in [0, 1].
     pub score: f64,
@@ -68,7 +68,8 @@ pub struct Estimate {
     pub ground: Option<[f64; 4]>,
     /// Angle \[rad\] and match score in [0, 1].
     pub match_curve: Vec<[f64; 2]>,
-    /// Runners-up, best first.
+    /// The axes that the search considered, the preferred ones first; the answer began from one of the first. Empty where an
+    /// earlier pose was followed.
     pub candidates: Vec<Candidate>,
     /// Seconds spent in each stage.
     pub timings: BTreeMap<String, f64>,

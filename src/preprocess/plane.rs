@@ -227,7 +227,7 @@ impl HalfSpace {
     }
 }
 
-/// Fits a hypothesis to its inliers on all points, and returns the best plane on the way.
+/// Fits a hypothesis to its inliers on all points; what is left is the least-squares plane of inliers.
 fn refine(points: &[[f64; 3]], hypothesis: HalfSpace, distance: f64) -> Candidate {
     let count = |plane: HalfSpace| {
         let chunk_count =
@@ -235,14 +235,15 @@ fn refine(points: &[[f64; 3]], hypothesis: HalfSpace, distance: f64) -> Candidat
         points.par_chunks(CHUNK).map(chunk_count).sum::<usize>()
     };
     let mut best = Candidate { inliers: count(hypothesis), plane: hypothesis };
-    let mut plane = hypothesis;
     for _ in 0..REFITS {
-        let Some(refitted) = plane.refitted(points, distance) else { break };
-        plane = refitted;
+        let Some(plane) = best.plane.refitted(points, distance) else { break };
         let inliers = count(plane);
-        if inliers >= best.inliers {
-            best = Candidate { inliers, plane };
+        // A plane through three points may have some more by chance, but noise tilts it.
+        let by_chance = (best.inliers as f64).sqrt();
+        if inliers as f64 + by_chance < best.inliers as f64 {
+            break;
         }
+        best = Candidate { inliers, plane };
     }
     best
 }

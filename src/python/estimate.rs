@@ -40,7 +40,8 @@ use crate::symmetry::order::Order;
 ///     completed_sector: (K,) the sector that each came from; 0: measured.
 ///     ground: (4,) support plane, unit normal n toward the part and d with n . x + d = 0; None where there is none.
 ///     match_curve: (S, 2) angle [rad] and match score in [0, 1].
-///     candidates: Runners-up, best first.
+///     candidates: The axes that the search considered, the preferred ones first; the answer began from one of
+///         the first. Empty where an earlier pose was followed.
 ///     timings: Seconds by stage.
 ///     diagnostics: Counts and figures of the stages, by name.
 #[pyclass(frozen, module = "sympose", name = "Estimate")]
@@ -357,8 +358,8 @@ impl PyEstimate {
 /// Attributes:
 ///     axis: (3,) unit direction.
 ///     center: (3,) point of the axis nearest to the centroid of the part.
-///     order: Order of the symmetry, or "continuous".
-///     score: Match score in [0, 1].
+///     order: Order of the symmetry, "continuous", or "auto" where none was found about it.
+///     score: Match score in [0, 1] under the rotations of that order, so that those of other orders compare badly.
 #[pyclass(frozen, module = "sympose", name = "Candidate")]
 pub(super) struct PyCandidate(Candidate);
 

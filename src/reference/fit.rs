@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
+use super::register::Freedom;
 use super::sides::Sides;
 use crate::config::Residual;
 use crate::control::Control;
@@ -128,7 +129,7 @@ impl Fit {
     /// The 6x6 covariance in the object frame and its free directions, as those of an estimate.
     ///
     /// Neighbouring residuals share their errors, which the scatter over patches holds.
-    pub(super) fn covariance(&self, radius: f64, free_yaw: bool) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
+    pub(super) fn covariance(&self, radius: f64, freedom: Freedom) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
         const NAMES: [FreeDirection; 6] = [
             FreeDirection::Tilt,
             FreeDirection::Tilt,
@@ -138,9 +139,9 @@ impl Fit {
             FreeDirection::Slide,
         ];
         let scale = scaling(radius);
-        let hessian = fixed(scale * self.hessian * scale, free_yaw);
+        let hessian = fixed(scale * self.hessian * scale, freedom);
         let largest = hessian.diagonal().max();
-        let mut free = [false, false, free_yaw, false, false, false];
+        let mut free = [false, false, freedom.turns, false, false, freedom.slides];
         let mut inverse = Matrix6::zeros();
         if let Some(eigen) = SymmetricEigen::try_new(hessian, f64::EPSILON, 100).filter(|_| largest > 0.0) {
             for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
@@ -176,13 +177,13 @@ fn scaling(radius: f64) -> Matrix6<f64> {
     Matrix6::from_diagonal(&Vector6::new(turn, turn, turn, 1.0, 1.0, 1.0))
 }
 
-/// The information without the turn about z, which a surface of revolution leaves free.
-fn fixed(mut hessian: Matrix6<f64>, free_yaw: bool) -> Matrix6<f64> {
-    if free_yaw {
-        let diagonal = hessian[(5, 5)];
-        hessian.row_mut(2).fill(0.0);
-        hessian.column_mut(2).fill(0.0);
-        hessian[(2, 2)] = diagonal;
+/// The information without the turn about z, or the slide along it, where the surface leaves them free.
+fn fixed(mut hessian: Matrix6<f64>, freedom: Freedom) -> Matrix6<f64> {
+    let held = hessian.diagonal().max();
+    for (i, _) in [(2, freedom.turns), (5, freedom.slides)].into_iter().filter(|(_, is_free)| *is_free) {
+        hessian.row_mut(i).fill(0.0);
+        hessian.column_mut(i).fill(0.0);
+        hessian[(i, i)] = held;
     }
     hessian
 }
@@ -199,7 +200,7 @@ fn solve(
         gradient[2] = 0.0;
     }
     let scale = scaling(radius);
-    let scaled = fixed(scale * hessian * scale, free_yaw);
+    let scaled = fixed(scale * hessian * scale, Freedom { turns: free_yaw, slides: false });
     let damped = scaled + Matrix6::identity() * (DAMPING * scaled.diagonal().max());
     Some(-scale * damped.cholesky()?.solve(&(scale * gradient)))
 }

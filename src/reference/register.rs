@@ -51,7 +51,7 @@ const CONFIRMED: f64 = 0.97;
 /// By how much one flip must fit better, for the part not to be the same both ways.
 const SAME: f64 = 0.02;
 
-/// By how much another turn must fit worse, for the turn to be known.
+/// By how much another turn or height must fit worse, for it to be known.
 const AMBIGUOUS: f64 = 0.01;
 
 /// Ratio of the sizes beyond which parts differ.
@@ -100,6 +100,15 @@ struct Place {
     fit: f64,
 }
 
+/// Motions by which the scan fits the reference elsewhere as well.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Freedom {
+    /// Any turn about the axis.
+    pub(super) turns: bool,
+    /// Another height along it.
+    pub(super) slides: bool,
+}
+
 impl Reference {
     /// Finds the pose of a scan in the taught frame.
     ///
@@ -125,17 +134,19 @@ impl Reference {
         let alike = flips.iter().filter(|places| places.first().is_some_and(|best| best.fit >= most - SAME));
         let posed = alike.filter_map(|places| {
             let best = places.first()?;
-            Some((self.nearest(best.object_from_scan.inverse(), scan), self.turns_freely(places)))
+            Some((self.nearest(best.object_from_scan.inverse(), scan), self.freedom(places)))
         });
         let chosen = posed.min_by(|a, b| away(&a.0, scan).total_cmp(&away(&b.0, scan)));
-        let (near, turns_freely) = chosen.unwrap_or((scan.scan_from_object, false));
+        let (near, mut freedom) = chosen.unwrap_or((scan.scan_from_object, Freedom::default()));
 
         let sides = self.sides(scan.outward);
         let gates = [GATE * self.cell()];
         let fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
         let overlap = overlap(sides, &judged, &fit.object_from_scan, self.cell());
         let agreement = self.agreement(scan, &fit.object_from_scan);
-        let (covariance, unobservable) = fit.covariance(0.5 * self.diameter, revolves || turns_freely);
+        let warnings = warnings(overlap, freedom);
+        freedom.turns |= revolves;
+        let (covariance, unobservable) = fit.covariance(0.5 * self.diameter, freedom);
         Ok(Registered {
             scan_from_object: fit.object_from_scan.inverse(),
             covariance,
@@ -143,7 +154,7 @@ impl Reference {
             overlap,
             sigma: fit.sigma,
             misfit: self.misfit(scan, overlap, agreement),
-            warnings: warnings(overlap, turns_freely),
+            warnings,
         })
     }
 
@@ -159,16 +170,18 @@ impl Reference {
         Ok(Place { object_from_scan, fit: close * self.agreement(scan, &object_from_scan) })
     }
 
-    /// Whether places that differ in the turn about the axis fit as well as the best one, which comes first.
-    fn turns_freely(&self, places: &[Place]) -> bool {
+    /// How places differ that fit as well as the best one, which comes first.
+    fn freedom(&self, places: &[Place]) -> Freedom {
         let [rim, ..] = reach(&self.surface.samples.points);
-        places.first().is_some_and(|best| {
-            places.iter().any(|other| {
-                let apart = other.object_from_scan * best.object_from_scan.inverse();
-                other.fit > best.fit - AMBIGUOUS
-                    && self.turned_by(&apart.rotation) * rim > 0.5 * STEP * self.diameter
-            })
-        })
+        let far = 0.5 * STEP * self.diameter;
+        let mut freedom = Freedom::default();
+        let Some(best) = places.first() else { return freedom };
+        for other in places.iter().filter(|other| other.fit > best.fit - AMBIGUOUS) {
+            let apart = other.object_from_scan * best.object_from_scan.inverse();
+            freedom.turns |= self.turned_by(&apart.rotation) * rim > far;
+            freedom.slides |= apart.translation.z.abs() > far;
+        }
+        freedom
     }
 
     /// The best places of a scan, turned over or not, on a grid of heights and turns within a sector.
@@ -311,7 +324,7 @@ impl Registered {
 }
 
 /// What to know before relying on the pose.
-fn warnings(overlap: f64, turns_freely: bool) -> Vec<String> {
+fn warnings(overlap: f64, freedom: Freedom) -> Vec<String> {
     let mut warnings = Vec::new();
     if overlap < MIN_OVERLAP {
         warnings.push(format!(
@@ -319,11 +332,13 @@ fn warnings(overlap: f64, turns_freely: bool) -> Vec<String> {
             100.0 * overlap
         ));
     }
-    if turns_freely {
-        let what =
-            "the scan shows nothing that tells how the part is turned about its axis: the yaw is arbitrary";
-        warnings.push(what.to_owned());
-    }
+    let mut arbitrary = |is_free, how: &str, what: &str| {
+        if is_free {
+            warnings.push(format!("the scan shows nothing that tells {how}: {what} is arbitrary"));
+        }
+    };
+    arbitrary(freedom.turns, "how the part is turned about its axis", "the yaw");
+    arbitrary(freedom.slides, "where the part lies along its axis", "the height");
     warnings
 }
 

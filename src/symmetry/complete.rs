@@ -25,6 +25,17 @@ pub struct Completion {
     pub coverage: f64,
 }
 
+impl Completion {
+    /// The same, its sectors counted about the axis in the opposite direction.
+    #[must_use]
+    pub fn reversed(mut self, order: Order) -> Self {
+        if let Order::Cyclic(n) = order {
+            self.sectors.iter_mut().for_each(|sector| *sector = (n - *sector) % n);
+        }
+        self
+    }
+}
+
 /// Frame with +z along the axis and the origin at its point: x and y are the tangents of the axis.
 #[must_use]
 pub fn axis_frame(axis: &Axis) -> nalgebra::Isometry3<f64> {

@@ -95,16 +95,16 @@ pub fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward
     }
     let area = folded.area();
     let seen = folded.mean(|p| p.height);
-    match origin {
-        Origin::Centroid if outward => {
-            let Unseen { area: unseen_area, moment } = unseen(folded, [lower, upper]);
-            let value = (seen * area + moment) / (area + unseen_area);
-            Height { value, sigma: folded.cell.hypot(TRUST * (value - seen)) }
-        }
-        Origin::Centroid => Height { value: seen, sigma: folded.cell },
-        Origin::Base => Height { value: base.unwrap_or(lower), sigma: folded.cell },
-        Origin::Midpoint => Height { value: 0.5 * (lower + upper), sigma: folded.cell },
-    }
+    let missing = if outward { unseen(folded, [lower, upper]) } else { Unseen { area: 0.0, moment: 0.0 } };
+    let closed = (seen * area + missing.moment) / (area + missing.area);
+    // An end that no camera saw may lie deeper, the more of the surface is missing.
+    let end = if base.is_some() { 0.0 } else { missing.area / (area + missing.area) * (upper - lower) };
+    let (value, unsure) = match origin {
+        Origin::Centroid => (closed, TRUST * (closed - seen)),
+        Origin::Base => (base.unwrap_or(lower), end),
+        Origin::Midpoint => (0.5 * (lower + upper), 0.5 * end),
+    };
+    Height { value, sigma: folded.cell.hypot(unsure) }
 }
 
 /// Lowest and highest part of the surface: the mean of the last percent of it, so that no stray point decides.
@@ -144,14 +144,13 @@ pub fn find_heading(folded: &Folded, order: Order, rule: Yaw) -> Heading {
         return Heading { angle: toward_bulk, sigma: f64::INFINITY, histogram: Vec::new() };
     };
     let histogram = angular_histogram(folded, n);
-    let harmonic = harmonic_phase(folded, n);
-    let in_sector = match rule {
-        Yaw::Harmonic => harmonic.0,
+    let (in_sector, sigma) = match rule {
+        Yaw::Harmonic => harmonic_phase(folded, n),
         Yaw::Histogram => histogram_peak(&histogram, n),
     };
     let sector = TAU / f64::from(n);
     let turns = ((toward_bulk - in_sector) / sector).round();
-    Heading { angle: in_sector + turns * sector, sigma: harmonic.1, histogram }
+    Heading { angle: in_sector + turns * sector, sigma, histogram }
 }
 
 /// Phase of the n-th angular Fourier coefficient [rad within a sector] and its standard deviation.
@@ -217,8 +216,11 @@ fn angular_histogram(folded: &Folded, n: u32) -> Vec<f64> {
     sector.repeat(n as usize)
 }
 
-/// Direction of the largest bin, smoothed over its neighbours and interpolated \[rad\].
-fn histogram_peak(histogram: &[f64], n: u32) -> f64 {
+/// Direction of the largest bin, smoothed over its neighbours and interpolated, and how far from it bins about as large
+/// lie, which another scan may find the largest \[rad\].
+fn histogram_peak(histogram: &[f64], n: u32) -> (f64, f64) {
+    /// Bins that are lower than the peak by less than this are about as large [range of the bins].
+    const ALIKE: f64 = 0.1;
     let bins = histogram.len() / n as usize;
     let at = |i: usize| {
         let [left, middle, right] = [bins - 1, 0, 1].map(|shift| histogram[(i + shift) % bins]);
@@ -228,5 +230,12 @@ fn histogram_peak(histogram: &[f64], n: u32) -> f64 {
     let [left, middle, right] = [bins - 1, 0, 1].map(|shift| at((peak + shift) % bins));
     let curvature = left - 2.0 * middle + right;
     let shift = if curvature < 0.0 { 0.5 * (left - right) / curvature } else { 0.0 };
-    (peak as f64 + 0.5 + shift) * TAU / histogram.len() as f64
+    let width = TAU / histogram.len() as f64;
+    let lowest = (0..bins).map(at).fold(f64::INFINITY, f64::min);
+    let alike = (0..bins).filter(|&i| at(i) >= middle - ALIKE * (middle - lowest));
+    let away = |i: usize| i.abs_diff(peak).min(bins - i.abs_diff(peak)) as f64;
+    let [count, squares] = alike.fold([0.0, 0.0], |[n, sum], i| [n + 1.0, sum + away(i).powi(2)]);
+    // At least what a bin hides.
+    let sigma = width * f64::sqrt(squares / count + 1.0 / 12.0);
+    ((peak as f64 + 0.5 + shift) * width, sigma)
 }

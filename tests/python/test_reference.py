@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("trimesh")
 pytest.importorskip("manifold3d")
@@ -218,3 +220,56 @@ def test_what_is_no_reference(part: Part, estimate: Estimate) -> None:
     bare = estimate.to_dict() | {"points": [], "normals": []}
     with pytest.raises(sympose.InsufficientDataError, match="reference"):
         Estimate.from_json(json.dumps(bare)).as_reference()
+
+
+def test_the_height_is_free_where_a_scan_shows_only_the_wall() -> None:
+    random = np.random.default_rng(0)
+
+    def prism(count: int, half: float, *, closed: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """A wall with five lobes, with or without its ends, and its normals."""
+        angle, height = random.uniform(0.0, 2.0 * np.pi, count), random.uniform(-half, half, count)
+        radius, slope = 0.2 + 0.04 * np.cos(5.0 * angle), 0.2 * np.sin(5.0 * angle)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        points = np.c_[radius * cosine, radius * sine, height]
+        normals = np.c_[radius * cosine - slope * sine, radius * sine + slope * cosine, np.zeros(count)]
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        points += normals * random.normal(0.0, 5e-4, (count, 1))
+        if closed:
+            for end in (-1.0, 1.0):
+                inner = np.sqrt(random.uniform(0.0, 1.0, (count // 4, 1)))
+                lid = np.c_[inner * points[: count // 4, :2], np.full(count // 4, end * half)]
+                points = np.r_[points, lid]
+                normals = np.r_[normals, np.tile([0.0, 0.0, end], (len(lid), 1))]
+        return points, normals
+
+    points, normals = prism(40_000, 0.5, closed=True)
+    first = sympose.estimate(points, viewpoints=points + 2.0 * normals, order=5)
+    points, normals = prism(20_000, 0.2, closed=False)
+    found = sympose.estimate(points, viewpoints=points + 2.0 * normals, reference=first.as_reference())
+    assert found.unobservable == ("slide",)
+    assert np.isinf(found.covariance[5, 5])
+    assert not np.delete(found.covariance[5], 5).any()
+    assert np.degrees(np.sqrt(found.covariance[2, 2])) < 1.0
+    assert any("height is arbitrary" in warning for warning in found.warnings)
+    points, normals = prism(20_000, 0.5, closed=True)
+    whole = sympose.estimate(points, viewpoints=points + 2.0 * normals, reference=first.as_reference())
+    assert whole.unobservable == ()
+    assert np.sqrt(whole.covariance[5, 5]) < 0.002
+
+
+def test_sectors_and_angles_follow_the_frame_of_the_reference() -> None:
+    """A reference that was taught the other way up than the convention of a scan."""
+    first, one = scanned("wheel_hub_5", 5, 1), scanned("wheel_hub_5", 3, 1)
+    over = estimated(first, order=5).pose @ np.diag([1.0, -1.0, -1.0, 1.0])
+    own = estimated(one, order=5)
+    found = estimated(one, reference=estimated(first, order=5, initial=over).as_reference())
+    assert own.axis @ found.axis < -0.99
+    points = (found.completed - found.center) @ found.pose[:3, :3]
+    measured = cKDTree(points[found.completed_sector == 0])
+    for sector in range(1, 5):
+        turned = (
+            points[found.completed_sector == sector]
+            @ Rotation.from_euler("z", 72.0 * sector, True).as_matrix()
+        )
+        assert np.quantile(measured.query(turned)[0], 0.99) < 1.5 * found.diagnostics["voxel_size"]
+    np.testing.assert_allclose(found.match_curve[1:, 1], own.match_curve[:0:-1, 1], atol=1e-9)

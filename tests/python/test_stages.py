@@ -115,6 +115,19 @@ def test_statistical_filter_cuts_beyond_the_average(points: Points, k: int, rati
     assert np.array_equal(kept, points[indices])
 
 
+def test_the_plane_is_that_of_least_squares_among_strays() -> None:
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        plane = np.c_[random.uniform(-0.5, 0.5, (2000, 2)), random.normal(0.0, 0.002, 2000)]
+        points = np.r_[plane, random.uniform(-0.5, 0.5, (1000, 3))]
+        (*normal, d), inliers = sympose.segment_plane(points, 0.01, seed=seed)
+        near = points[inliers]
+        middle = near.mean(axis=0)
+        wanted = np.linalg.svd(near - middle)[2][2]
+        assert 1.0 - abs(wanted @ normal) < 1e-7
+        assert abs(middle @ normal + d) < 1e-4
+
+
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 0.9))
 @example(62018, 0.375)
