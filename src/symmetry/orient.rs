@@ -163,18 +163,36 @@ fn harmonic_phase(folded: &Folded, n: u32) -> (f64, f64) {
     const OUTLINED: f64 = 0.015;
     /// How much better others must agree than the one that is preferred, so that chance does not choose.
     const FAR_BETTER: f64 = 2.0;
+    /// Another scan may decide otherwise where a decision was closer than this.
+    const CLOSE: f64 = 2.0;
     let [mean_height, mean_radius] = [folded.mean(|p| p.height), folded.mean(|p| p.radius)];
     let harmonic = |weight: &dyn Fn(&FoldedPoint) -> f64| Harmonic::new(folded, n, weight);
     let outline = harmonic(&|p| p.radius * p.outline);
-    if outline.agreement > OUTLINED {
+    let clear = outline.agreement / OUTLINED;
+    if clear > CLOSE {
         return (outline.phase, outline.sigma);
     }
     let by_radius = harmonic(&|p| p.radius * p.area * (p.radius - mean_radius));
     let plain = harmonic(&|p| p.radius * p.area);
     let by_height = harmonic(&|p| p.radius * p.area * (p.height - mean_height));
     let other = if plain.agreement > by_height.agreement { plain } else { by_height };
-    let chosen = if other.agreement > FAR_BETTER * by_radius.agreement { other } else { by_radius };
+    let better = other.agreement / (FAR_BETTER * by_radius.agreement);
+    let by_area = decided(by_radius, other, better, CLOSE, n);
+    let chosen = decided(by_area, outline, clear, CLOSE, n);
     (chosen.phase, chosen.sigma)
+}
+
+/// The first of two, or the second one where it is more than once as good as it must be; as uncertain as they differ where it
+/// is about that.
+fn decided(first: Harmonic, second: Harmonic, how_good: f64, close: f64, n: u32) -> Harmonic {
+    let sector = TAU / f64::from(n);
+    let apart = (first.phase - second.phase).rem_euclid(sector);
+    let apart = apart.min(sector - apart);
+    let mut chosen = if how_good > 1.0 { second } else { first };
+    if (close.recip()..close).contains(&how_good) {
+        chosen.sigma = chosen.sigma.hypot(0.5 * apart);
+    }
+    chosen
 }
 
 /// The n-th Fourier coefficient of a weight.

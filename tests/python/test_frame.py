@@ -134,3 +134,21 @@ def test_an_end_that_no_camera_saw_is_uncertain(name: str, origin: str) -> None:
         wanted = true if up > 0.0 else (highest if origin == "base" else true)
         stated = np.sqrt(found.covariance[5, 5])
         assert abs(height - wanted) < 2.5 * stated < 2.5 * most
+
+
+@pytest.mark.parametrize("name", ["impeller_7", "impeller_5"])
+def test_a_yaw_that_is_a_close_decision_is_uncertain(name: str) -> None:
+    """Outline and area of these give different directions; from one side either may decide."""
+    one = part(name)
+    assert isinstance(one.order, int)
+    sector = 2.0 * np.pi / one.order
+    yaws, stated = [], []
+    for seed in (1, 2, 3):
+        seen = scan(one, "upper", views=1, seed=seed)
+        found = sympose.estimate(seen.scene.points, order=one.order, viewpoints=seen.scene.viewpoints)
+        in_part = np.linalg.inv(seen.world_from_object) @ found.pose
+        yaws.append(np.arctan2(in_part[1, 0], in_part[0, 0]) * np.sign(in_part[2, 2]))
+        stated.append(np.sqrt(found.covariance[2, 2]))
+    apart = (np.array(yaws) - yaws[0] + 0.5 * sector) % sector - 0.5 * sector
+    assert np.abs(apart).max() > 0.3
+    assert np.abs(apart).max() < 4.0 * np.median(stated)
