@@ -34,7 +34,7 @@ use crate::symmetry::surface::Samples;
 pub struct Request {
     /// Cancellation, deadline and progress.
     pub control: Control,
-    /// Refine from this `world_from_object` only, on fewer points ([`TrackingParams`]); on all of them where the
+    /// Refine from this `world_from_object` only, on fewer points ([`crate::config::TrackingParams`]); on all of them where the
     /// score is low, and search when that fails. The axis keeps its sign, and of the equivalent poses the nearest is
     /// returned, unless another is preferred.
     pub initial: Option<Isometry3<f64>>,
