@@ -219,7 +219,7 @@ def _segmented(
     """The mask of the foreground, and what the segmentation warns of."""
     from sympose.segmentation import segment_heeding
 
-    segmentation = segment_heeding(watch.heed, points, views, seed=seed)
+    segmentation = segment_heeding(points, views, watch.heed, seed=seed)
     if not segmentation.mask.any():
         raise InsufficientDataError(
             f"segmentation: none of the {len(points)} points is foreground in the {len(views)} views; "

@@ -117,21 +117,13 @@ def segment(
         >>> bool(result.mask[:2000].all()), bool(result.mask[2000:].any())
         (True, False)
     """
-    return segment_heeding(
-        lambda _share: None,
-        points,
-        views,
-        max_components=max_components,
-        min_views=min_views,
-        seed=seed,
-    )
+    return segment_heeding(points, views, lambda _share: None, max_components, min_views, seed)
 
 
 def segment_heeding(
-    heed: Callable[[float], object],
     points: ArrayLike,
     views: Sequence[View],
-    *,
+    heed: Callable[[float], object],
     max_components: int = 5,
     min_views: int | None = None,
     seed: int = 0,
