@@ -83,6 +83,7 @@ def test_the_covariance_turns_over_with_the_axis(seed: int) -> None:
     found = sympose.estimate(**cloud)
     tracked = sympose.estimate(**cloud, initial=found)
     np.testing.assert_allclose(tracked.pose, found.pose, atol=1e-3)
+    assert found.candidates and tracked.candidates == ()  # nothing was searched
     axis = np.ix_([0, 1, 3, 4], [0, 1, 3, 4])
     deviations = np.sqrt(np.diag(found.covariance[axis]))
     apart = (tracked.covariance - found.covariance)[axis] / np.outer(deviations, deviations)
