@@ -58,12 +58,4 @@ impl Block {
             *square = x * x + y * y + z * z;
         }
     }
-
-    /// Square of the distance from a query to a point \[length²\].
-    #[inline]
-    pub(super) fn distance_sq(&self, query: &[f64; 3], place: usize) -> f64 {
-        let point = &self.points[place];
-        let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| point[axis] - query[axis]);
-        x * x + y * y + z * z
-    }
 }

@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 
 use super::CHUNK;
-use super::search::Search;
+use super::search::{Found, Search};
 use crate::error::Result;
 use crate::median::median;
-use crate::spatial::{KdTree, Neighbor};
+use crate::spatial::KdTree;
 
 /// Points that [`median_spacing`] looks at.
 const SPACING_SAMPLE: usize = 2000;
@@ -51,7 +51,7 @@ impl KNeighbors {
                     if let Some((indices, distances_sq)) = rows.next() {
                         for (slot, neighbor) in found.iter().enumerate() {
                             indices[slot] = neighbor.index;
-                            distances_sq[slot] = neighbor.distance_sq;
+                            distances_sq[slot] = neighbor.distance_sq();
                         }
                     }
                 });
@@ -93,7 +93,7 @@ pub(crate) fn map_neighbors<T: Copy + Send + Sync>(
     tree: &KdTree,
     points: &[[f64; 3]],
     k: usize,
-    f: impl Fn(usize, &[Neighbor]) -> T + Sync,
+    f: impl Fn(usize, &[Found]) -> T + Sync,
 ) -> Result<Vec<T>> {
     let search = Search::among(tree, points, k, false)?;
     let by_slot: Vec<Vec<T>> = (0..search.chunks())

@@ -69,9 +69,8 @@ impl FromIterator<Plane> for Normals {
 /// [`Error::LengthMismatch`] when the tree holds another number of points.
 pub fn estimate_normals(points: &[[f64; 3]], tree: &KdTree, params: &NormalParams) -> Result<Normals> {
     let reach_sq = check(params)?;
-    let planes = map_neighbors(tree, points, params.k, |point, found| {
-        let within = found.iter().filter(|n| n.distance_sq <= reach_sq);
-        local_plane(points, &points[point], within.map(|n| n.index))
+    let planes = map_neighbors(tree, points, params.k, |_, found| {
+        local_plane(found.iter().filter(|n| n.distance_sq() <= reach_sq).map(|n| n.offset))
     })?;
     Ok(planes.into_iter().collect())
 }
@@ -97,7 +96,7 @@ pub fn normals_from_neighbors(
         let (indices, distances_sq) = neighbors.of(point);
         let within =
             indices.iter().zip(distances_sq).take(params.k).take_while(|&(_, &square)| square <= reach_sq);
-        local_plane(points, &points[point], within.map(|(&index, _)| index))
+        local_plane(offsets(points, &points[point], within.map(|(&index, _)| index)))
     };
     let planes: Vec<Plane> = (0..points.len()).into_par_iter().with_min_len(CHUNK).map(plane).collect();
     Ok(planes.into_iter().collect())
@@ -111,7 +110,7 @@ pub(super) fn tilt_sq(
     indices: &[u32],
     viewpoint_of: impl Fn(usize) -> [f64; 3],
 ) -> f64 {
-    let plane = |indices: &[u32]| local_plane(points, &points[center], indices.iter().copied());
+    let plane = |indices: &[u32]| local_plane(offsets(points, &points[center], indices.iter().copied()));
     let normal = Vector3::from(plane(indices).normal);
     let is_before = |i: usize| normal.dot(&(Vector3::from(viewpoint_of(i)) - Vector3::from(points[i]))) > 0.0;
     let side = is_before(center);
@@ -145,14 +144,20 @@ const LEAST_SPREAD: f64 = 0.05;
 /// would be what depends on it, say the order of the two sides of a wall. Few surfaces are parallel to a direction like this.
 const HEMISPHERE: [f64; 3] = [0.357, 0.569, 0.741];
 
-/// The plane of the points with these indices, that of `center` among them.
-fn local_plane(points: &[[f64; 3]], center: &[f64; 3], indices: impl Iterator<Item = u32>) -> Plane {
+/// Where the points with these indices lie from `center`.
+fn offsets(
+    points: &[[f64; 3]],
+    center: &[f64; 3],
+    indices: impl Iterator<Item = u32>,
+) -> impl Iterator<Item = [f64; 3]> {
+    indices.map(|index| std::array::from_fn(|axis| points[index as usize][axis] - center[axis]))
+}
+
+/// The plane of points at these places from a point, which is one of them.
+fn local_plane(offsets: impl Iterator<Item = [f64; 3]>) -> Plane {
     // Relative to the point itself the coordinates are small, so one pass loses nothing.
     let mut moments = Moments::default();
-    for index in indices {
-        let p = points[index as usize];
-        moments.add([p[0] - center[0], p[1] - center[1], p[2] - center[2]]);
-    }
+    offsets.for_each(|offset| moments.add(offset));
     let (sum, count) = (moments.sum(), moments.count);
     let (normal, [smallest, middle, largest]) = smallest_eigenvector(&moments.scatter());
     let normal = if normal.dot(&Vector3::from(HEMISPHERE)) < 0.0 { -normal } else { normal };

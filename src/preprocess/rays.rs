@@ -7,10 +7,11 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::neighbors::map_neighbors;
+use super::search::{Found, nearest};
 use super::{at_least_one, check_finite};
 use crate::error::Result;
 use crate::median::{median, robust_sigma};
-use crate::spatial::{KdTree, Neighbor};
+use crate::spatial::KdTree;
 
 /// Least points of a view; fewer say too little of their noise \[neighbours\].
 const ENOUGH: usize = 8;
@@ -175,12 +176,12 @@ impl View {
         /// Rays that are looked at.
         const LOOKED_AT: usize = 2000;
         let step = self.rays.len().div_ceil(LOOKED_AT).max(1);
-        let around: Vec<(usize, Vec<Neighbor>)> = (0..self.rays.len())
+        let around: Vec<(usize, Vec<Found>)> = (0..self.rays.len())
             .into_par_iter()
             .step_by(step)
-            .map(|i| (i, self.tree.k_nearest(&self.rays[i], k)))
+            .map(|i| (i, nearest(&self.tree, &self.rays, &self.rays[i], k)))
             .collect();
-        let residual = |&(i, ref found): &(usize, Vec<Neighbor>), noise: f64| {
+        let residual = |&(i, ref found): &(usize, Vec<Found>), noise: f64| {
             let mut beside = self.beside(i, found);
             let (inverse, slope) = plane(&mut beside, self.inverse[i], noise)?;
             let mut off: Vec<f64> =
@@ -197,18 +198,18 @@ impl View {
     }
 
     /// Rays beside the ray `i`.
-    fn beside(&self, i: usize, found: &[Neighbor]) -> Vec<Beside> {
+    fn beside(&self, i: usize, found: &[Found]) -> Vec<Beside> {
         let ahead = Vector3::from(self.rays[i]);
         let right = ahead.cross(&Vector3::ith(ahead.iamin(), 1.0)).normalize();
         let down = ahead.cross(&right);
-        let farthest_sq = found.iter().fold(f64::MIN_POSITIVE, |farthest, n| farthest.max(n.distance_sq));
-        let beside = |neighbor: &Neighbor| {
+        let farthest_sq = found.iter().fold(f64::MIN_POSITIVE, |farthest, n| farthest.max(n.distance_sq()));
+        let beside = |neighbor: &Found| {
             let ray = Vector3::from(self.rays[neighbor.index as usize]);
             let cosine = ray.dot(&ahead);
             Beside {
                 at: Vector2::new(ray.dot(&right), ray.dot(&down)) / cosine,
                 inverse: self.inverse[neighbor.index as usize] / cosine,
-                nearness: 1.0 - (neighbor.distance_sq / farthest_sq).powi(2),
+                nearness: 1.0 - (neighbor.distance_sq() / farthest_sq).powi(2),
                 weight: 0.0,
             }
         };
@@ -217,7 +218,7 @@ impl View {
 
     /// Distance of the plane of the rays `found` along the ray `i` among them \[length\]; `None` where its own point is not
     /// of that plane.
-    fn smoothed(&self, i: usize, found: &[Neighbor], noise: f64) -> Option<f64> {
+    fn smoothed(&self, i: usize, found: &[Found], noise: f64) -> Option<f64> {
         let own = self.inverse[i];
         let (inverse, _) = plane(&mut self.beside(i, found), own, noise)?;
         // Never to more than twice the distance, however large the noise seems to be.

@@ -8,7 +8,7 @@ use super::block::{Block, SLACK};
 use super::cells::CellList;
 use super::{CHUNK, at_least_one, check_finite};
 use crate::error::{Error, Result};
-use crate::spatial::{KdTree, Neighbor};
+use crate::spatial::KdTree;
 
 /// Queries from whose k-th neighbour the edge of a cell is found.
 const REACH_SAMPLE: usize = 64;
@@ -23,9 +23,32 @@ const CROWD: usize = 64;
 /// Square of a distance within which the neighbours of the next query probably are [that of the last].
 const GENEROUS: f64 = 1.3;
 
+/// A neighbour of a query.
+#[derive(Clone, Copy)]
+pub(super) struct Found {
+    /// Index into the points.
+    pub(super) index: u32,
+    /// Where it lies from the query \[length\].
+    pub(super) offset: [f64; 3],
+}
+
+impl Found {
+    fn new(index: u32, point: &[f64; 3], query: &[f64; 3]) -> Self {
+        Self { index, offset: std::array::from_fn(|axis| point[axis] - query[axis]) }
+    }
+
+    /// Squared distance from the query [length squared].
+    #[inline]
+    pub(super) fn distance_sq(&self) -> f64 {
+        let [x, y, z] = self.offset;
+        x * x + y * y + z * z
+    }
+}
+
 /// The neighbours of which queries are to be found, and how.
 pub(super) struct Search<'a> {
     tree: &'a KdTree,
+    points: &'a [[f64; 3]],
     queries: &'a [[f64; 3]],
     pub(super) k: usize,
     nearest_first: bool,
@@ -50,7 +73,7 @@ impl<'a> Search<'a> {
     /// Neighbours of `queries` among the points, nearest first.
     pub(super) fn of(
         tree: &'a KdTree,
-        points: &[[f64; 3]],
+        points: &'a [[f64; 3]],
         queries: &'a [[f64; 3]],
         k: usize,
     ) -> Result<Self> {
@@ -60,7 +83,7 @@ impl<'a> Search<'a> {
 
     fn new(
         tree: &'a KdTree,
-        points: &[[f64; 3]],
+        points: &'a [[f64; 3]],
         queries: &'a [[f64; 3]],
         k: usize,
         nearest_first: bool,
@@ -81,7 +104,7 @@ impl<'a> Search<'a> {
         // Where all neighbours coincide, or the cloud is too large for cells of this size, the tree does everything.
         let cells = worthwhile.then(|| CellList::new(points, reach, "reach").ok()).flatten();
         let order = cells.as_ref().map_or_else(|| (0..queries.len() as u32).collect(), order);
-        Ok(Self { tree, queries, k, nearest_first, cells, reach, order })
+        Ok(Self { tree, points, queries, k, nearest_first, cells, reach, order })
     }
 
     /// For each query its slot.
@@ -99,11 +122,12 @@ impl<'a> Search<'a> {
     }
 
     /// Calls `f` with every query of a chunk of slots and its neighbours.
-    pub(super) fn visit(&self, chunk: usize, mut f: impl FnMut(usize, &[Neighbor])) {
+    pub(super) fn visit(&self, chunk: usize, mut f: impl FnMut(usize, &[Found])) {
         let slots = chunk * CHUNK..self.order.len().min((chunk + 1) * CHUNK);
         let queries = self.order[slots].iter().map(|&query| query as usize);
+        let in_tree = |query: usize| nearest(self.tree, self.points, &self.queries[query], self.k);
         let Some(cells) = &self.cells else {
-            return queries.for_each(|query| f(query, &self.tree.k_nearest(&self.queries[query], self.k)));
+            return queries.for_each(|query| f(query, &in_tree(query)));
         };
         let mut candidates = Candidates::new(self.reach);
         let mut found = Vec::with_capacity(self.k);
@@ -118,10 +142,10 @@ impl<'a> Search<'a> {
             }
             candidates.measure(position);
             // Neighbours of the last query were hardly nearer or farther; the fewer points come into question, the better.
-            let mut nearest =
+            let mut within =
                 |bound_sq| candidates.k_nearest(position, self.k, bound_sq, self.nearest_first, &mut found);
-            let found_sq = match nearest(guess_sq) {
-                None if guess_sq < reach_sq => nearest(reach_sq),
+            let found_sq = match within(guess_sq) {
+                None if guess_sq < reach_sq => within(reach_sq),
                 found_sq => found_sq,
             };
             match found_sq {
@@ -129,10 +153,16 @@ impl<'a> Search<'a> {
                     f(query, &found);
                     guess_sq = reach_sq.min(GENEROUS * farthest_sq);
                 }
-                None => f(query, &self.tree.k_nearest(position, self.k)),
+                None => f(query, &in_tree(query)),
             }
         }
     }
+}
+
+/// The `k` nearest of the `points` that the tree was built on.
+pub(super) fn nearest(tree: &KdTree, points: &[[f64; 3]], query: &[f64; 3], k: usize) -> Vec<Found> {
+    let found = tree.k_nearest(query, k).into_iter();
+    found.map(|n| Found::new(n.index, &points[n.index as usize], query)).collect()
 }
 
 /// Distance within which most queries have their `k` nearest points; 0 for no queries.
@@ -151,14 +181,22 @@ struct Candidates {
     block: Block,
     rough_sq: Vec<f32>,
     near: Vec<u32>,
-    /// Those near as one number each: the bits of a rounded squared distance (not negative, so in order) above the place
-    /// of the point.
+    /// Those near as one number each: the bits of a squared distance in single precision (not negative, so in order) above
+    /// the place of the point.
     keys: Vec<u64>,
+    /// The same in double precision, with the index of the point between them, for those that are hardly apart.
+    exact_keys: Vec<(u64, u32, u32)>,
 }
 
 impl Candidates {
     fn new(reach: f64) -> Self {
-        Self { block: Block::new(reach), rough_sq: Vec::new(), near: Vec::new(), keys: Vec::new() }
+        Self {
+            block: Block::new(reach),
+            rough_sq: Vec::new(),
+            near: Vec::new(),
+            keys: Vec::new(),
+            exact_keys: Vec::new(),
+        }
     }
 
     /// Looks how far the points are from `query`, roughly.
@@ -168,62 +206,64 @@ impl Candidates {
     }
 
     /// The `k` nearest of these points to the `query` measured, if as many lie within a bound that is not beyond the
-    /// reach; returns the squared distance to the farthest of them.
+    /// reach; returns the squared distance to the farthest of them, or hardly more.
     fn k_nearest(
         &mut self,
         query: &[f64; 3],
         k: usize,
         bound_sq: f64,
         nearest_first: bool,
-        found: &mut Vec<Neighbor>,
+        found: &mut Vec<Found>,
     ) -> Option<f64> {
         let scale_sq = self.block.edge.recip().powi(2);
+        let bound = (bound_sq * scale_sq) as f32;
         // Every place is written and only those that pass are kept: no branch to mispredict.
-        let most = (bound_sq * scale_sq) as f32 + SLACK;
         let mut count = 0;
         for (place, &rough_sq) in (0..).zip(&self.rough_sq) {
             self.near[count] = place;
-            count += usize::from(rough_sq <= most);
+            count += usize::from(rough_sq <= bound + SLACK);
         }
         if count < k {
             return None;
         }
         let near = &self.near[..count];
-        let block = &self.block;
-        let square = |place: u32| block.distance_sq(query, place as usize);
-        let neighbor =
-            |place: u32| Neighbor { index: block.indices[place as usize], distance_sq: square(place) };
-        let rounded = |place: u32| (square(place) * scale_sq) as f32;
-        let key = |&place: &u32| u64::from(rounded(place).to_bits()) << 32 | u64::from(place);
+        let key = |&place: &u32| u64::from(self.rough_sq[place as usize].to_bits()) << 32 | u64::from(place);
         self.keys.clear();
         self.keys.extend(near.iter().map(key));
         let keys = &mut self.keys[..];
-        // Rounding keeps the order but for ties.
-        let is_tie = |a: u64, b: u64| a >> 32 == b >> 32;
-        let tied = if nearest_first {
+        let rough_sq = |key: u64| f32::from_bits((key >> 32) as u32);
+        let are_apart = |less: u64, more: u64| rough_sq(more) - rough_sq(less) > 2.0 * SLACK;
+        let (farthest, ordered) = if nearest_first {
             keys.sort_unstable();
-            keys.windows(2).take(k).any(|pair| is_tie(pair[0], pair[1]))
+            (keys[k - 1], keys.windows(2).take(k).all(|pair| are_apart(pair[0], pair[1])))
         } else if count > k {
             keys.select_nth_unstable(k);
             let farthest = keys[..k].iter().copied().fold(0, u64::max);
-            is_tie(farthest, keys[k])
+            (farthest, are_apart(farthest, keys[k]))
         } else {
-            false
+            (keys.iter().copied().fold(0, u64::max), true)
         };
+        let block = &self.block;
+        let neighbor =
+            |place: u32| Found::new(block.indices[place as usize], &block.points[place as usize], query);
         found.clear();
-        if tied {
-            found.extend(near.iter().map(|&place| neighbor(place)));
-            if nearest_first {
-                found.sort_unstable_by(Neighbor::cmp_distance);
-            } else {
-                found.select_nth_unstable_by(k - 1, Neighbor::cmp_distance);
-            }
-            found.truncate(k);
-        } else {
+        if ordered && rough_sq(farthest) <= bound - SLACK {
             found.extend(keys[..k].iter().map(|&key| neighbor(key as u32)));
+            return Some(f64::from(rough_sq(farthest) + SLACK) / scale_sq);
         }
+        self.exact_keys.clear();
+        self.exact_keys.extend(near.iter().map(|&place| {
+            let neighbor = neighbor(place);
+            (neighbor.distance_sq().to_bits(), neighbor.index, place)
+        }));
+        if nearest_first {
+            self.exact_keys.sort_unstable();
+        } else {
+            self.exact_keys.select_nth_unstable(k - 1);
+        }
+        found.extend(self.exact_keys[..k].iter().map(|&(.., place)| neighbor(place)));
+        let farthest_sq = found.iter().map(Found::distance_sq).fold(0.0, f64::max);
         // All that are within the bound passed, and some that are just beyond.
-        Some(found.iter().map(|n| n.distance_sq).fold(0.0, f64::max))
-            .filter(|&farthest_sq| farthest_sq <= bound_sq)
+        (farthest_sq <= bound_sq).then_some(farthest_sq)
     }
 }
