@@ -106,8 +106,8 @@ impl PointCloud {
     /// A viewpoint orients normals and tells free space. Rows of dropped points are ignored.
     ///
     /// # Errors
-    /// [`Error::LengthMismatch`] unless there is one row or one for each input point; [`Error::NonFinite`] when the
-    /// viewpoint of a finite point is not finite.
+    /// [`Error::LengthMismatch`] unless there is one row or one for each input point; [`Error::InvalidParameter`] when
+    /// the viewpoint of a finite point is not finite.
     pub fn with_viewpoints(mut self, viewpoints: impl AsRef<[[f64; 3]]>) -> Result<Self> {
         let viewpoints = viewpoints.as_ref();
         let local = |v: &[f64; 3]| std::array::from_fn(|axis| v[axis] - self.origin[axis]);
@@ -128,7 +128,11 @@ impl PointCloud {
         if found.places.iter().any(is_bad) {
             let total = found.place_of.len().max(1);
             let count = (0..total).filter(|&i| is_bad(&found.places[found.place_of(i)])).count();
-            return Err(Error::NonFinite { count, total });
+            return Err(Error::InvalidParameter {
+                name: "viewpoints",
+                value: format!("{count} of {total} rows with a NaN or infinite coordinate"),
+                expected: "finite positions of the sensor, or none where it is not known",
+            });
         }
         self.viewpoints = found;
         Ok(self)

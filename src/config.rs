@@ -10,6 +10,9 @@ use crate::symmetry::order::{MAX_ORDER, Order};
 use crate::symmetry::propose::ProposeParams;
 use crate::symmetry::refine::RefineParams;
 
+/// Threads of one estimate, at most: to start many thousands takes longer than the work, and nothing can stop it.
+const MAX_THREADS: usize = 1024;
+
 /// What to do with points that have a NaN or infinite coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -323,8 +326,14 @@ impl Config {
             });
         }
         let zero = |name, expected| Err(Error::InvalidParameter { name, value: "0".into(), expected });
-        if self.threads == Some(0) {
-            return zero("threads", "at least 1, or none for all cores");
+        if let Some(threads) = self.threads
+            && !(1..=MAX_THREADS).contains(&threads)
+        {
+            return Err(Error::InvalidParameter {
+                name: "threads",
+                value: threads.to_string(),
+                expected: "1 to 1,024 threads, or none for all cores",
+            });
         }
         if self.refine.samples == 0 {
             return zero("refine.samples", "at least 1 point");
@@ -341,12 +350,12 @@ impl Config {
             });
         }
         if let Some([lower, upper]) = self.roi
-            && !(0..3).all(|axis| lower[axis] < upper[axis])
+            && !(0..3).all(|axis| lower[axis] < upper[axis] && (upper[axis] - lower[axis]).is_finite())
         {
             return Err(Error::InvalidParameter {
                 name: "roi",
                 value: format!("{lower:?} .. {upper:?}"),
-                expected: "a lower corner below the upper corner in every coordinate",
+                expected: "finite corners, the lower one below the upper one in every coordinate",
             });
         }
         if let Some(hint) = self.axis_hint

@@ -67,7 +67,7 @@ impl Control {
         self
     }
 
-    /// Calls `progress` with the stage that begins and the fraction of the whole that is done.
+    /// Calls `progress` with the stage that begins and the fraction of the whole that is done; at the end with "done" and 1.
     ///
     /// The callback may run on a worker thread.
     #[must_use]

@@ -28,10 +28,7 @@ pub enum Error {
         got: usize,
     },
     /// Coordinates are NaN or infinite, and the configuration asks for an error.
-    #[error(
-        "{count} of {total} points have a NaN or infinite coordinate; remove them (an estimate leaves them out unless \
-         non_finite is \"error\")"
-    )]
+    #[error("{}", non_finite(*count, *total))]
     NonFinite {
         /// Points with a NaN or infinite coordinate.
         count: usize,
@@ -95,6 +92,16 @@ pub enum Error {
         /// What was found and what was expected.
         reason: String,
     },
+}
+
+fn non_finite(count: usize, total: usize) -> String {
+    if count == total {
+        return format!("{count} of {total} points have a NaN or infinite coordinate; none is left");
+    }
+    format!(
+        "{count} of {total} points have a NaN or infinite coordinate; remove them (an estimate leaves them out unless \
+         non_finite is \"error\")"
+    )
 }
 
 /// What the best axis looked like when a symmetry was refused.

@@ -11,7 +11,7 @@ use crate::cloud::PointCloud;
 use crate::config::{Config, GroundMode};
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
-use crate::frames::{height_over, place, plane_in_world};
+use crate::frames::{check_pose, height_over, place, plane_in_world};
 use crate::locate::Aligned;
 use crate::prepare::Prepared;
 use crate::reference::{ORIENTED, Reference, Scan};
@@ -87,9 +87,13 @@ impl Estimator {
     /// [`Estimator::estimate`] with cancellation, progress, a pose to start from or to prefer, and a taught part.
     ///
     /// # Errors
-    /// Those of [`Estimator::estimate`], and [`Error::Cancelled`] or [`Error::DeadlineExceeded`]. A scan that does not fit
+    /// Those of [`Estimator::estimate`], [`Error::Cancelled`] or [`Error::DeadlineExceeded`], and
+    /// [`Error::InvalidParameter`] for a pose that is not finite. A scan that does not fit
     /// the reference is an [`Error::NoSymmetry`], too.
     pub fn estimate_with(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
+        for (name, pose) in [("initial", &request.initial), ("prefer", &request.prefer)] {
+            pose.iter().try_for_each(|pose| check_pose(name, pose))?;
+        }
         match &request.reference {
             Some(reference) if self.config.order == Order::Auto => {
                 let config = Config { order: reference.order(), ..self.config.clone() };
@@ -148,10 +152,11 @@ impl Estimator {
         stages.begin("complete")?;
         let framing = refined.scattered(FRAMING, prepared.voxel_size);
         let folded = fold(&framing, &found.axis, order, prepared.voxel_size);
-        let up = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
+        let ground_normal = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
         let in_local = |pose: Isometry3<f64>| prepared.world_from_local.inverse() * pose;
         let previous = request.initial.map(|pose| in_local(pose) * Vector3::z());
-        let (axis, sign_rule) = decide_sign(&found.axis, previous, up, prepared.toward_sensors, &folded);
+        let (axis, sign_rule) =
+            decide_sign(&found.axis, previous, ground_normal, prepared.toward_sensors, &folded);
         let folded =
             if axis == found.axis { folded } else { fold(&framing, &axis, order, prepared.voxel_size) };
         let mut completion = complete(&refined.points, &axis, order, prepared.voxel_size);
@@ -198,10 +203,10 @@ impl Estimator {
         let z = local_from_object * Vector3::z_axis();
         let is_reversed = z.dot(&axis.direction) < 0.0;
         completion = if is_reversed { completion.reversed(order) } else { completion };
-        let up = Axis { direction: if is_reversed { -axis.direction } else { axis.direction }, ..axis };
-        let match_curve = self.match_curve(&prepared, &up);
+        let upright = Axis { direction: if is_reversed { -axis.direction } else { axis.direction }, ..axis };
+        let match_curve = self.match_curve(&prepared, &upright);
         let world = |p: &Vector3<f64>| (prepared.world_from_local * Point3::from(*p)).coords.into();
-        let (timings, diagnostics) = stages.finish();
+        let (timings, diagnostics) = stages.finish()?;
         Ok(Estimate {
             world_from_object: prepared.world_from_local * local_from_object,
             order,

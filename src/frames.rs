@@ -38,6 +38,15 @@ pub(crate) fn place(
     (pose(nearest), nearest)
 }
 
+/// Refuses a pose with a NaN or infinite number; `name` is the parameter that it came from.
+pub(crate) fn check_pose(name: &'static str, pose: &Isometry3<f64>) -> Result<()> {
+    let Isometry3 { rotation, translation } = pose;
+    if rotation.coords.iter().chain(translation.vector.iter()).all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::InvalidParameter { name, value: pose.to_string(), expected: "a pose of finite numbers" })
+}
+
 /// Height above the point of the axis at which it meets a plane; `None` when it runs along the plane.
 pub(crate) fn height_over(axis: &Axis, [x, y, z, d]: [f64; 4]) -> Option<f64> {
     let normal = Vector3::new(x, y, z);

@@ -4,6 +4,8 @@ use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::frames::check_pose;
+use crate::preprocess::check_finite;
 use crate::spatial::KdTree;
 use crate::symmetry::axis::Axis;
 
@@ -13,8 +15,10 @@ use crate::symmetry::axis::Axis;
 /// (8) of Dai et al. (arXiv 2606.16593).
 ///
 /// # Errors
-/// Those of [`KdTree::new`] for the points.
+/// Those of [`KdTree::new`] for the points; [`Error::InvalidParameter`] for a pose that is not finite.
 pub fn adds(points: &[[f64; 3]], estimated: &Isometry3<f64>, truth: &Isometry3<f64>) -> Result<f64> {
+    check_pose("estimated", estimated)?;
+    check_pose("truth", truth)?;
     let tree = KdTree::new(points)?;
     let truth_from_estimated = truth.inverse() * estimated;
     let parts: Vec<f64> = points
@@ -38,7 +42,8 @@ pub fn adds(points: &[[f64; 3]], estimated: &Isometry3<f64>, truth: &Isometry3<f
 /// Reference: Hodan et al., BOP Challenge 2020.
 ///
 /// # Errors
-/// [`Error::InsufficientData`] without points.
+/// [`Error::InsufficientData`] without points, [`Error::NonFinite`] for points and [`Error::InvalidParameter`] for poses that
+/// are not finite.
 pub fn mssd(
     points: &[[f64; 3]],
     estimated: &Isometry3<f64>,
@@ -53,6 +58,10 @@ pub fn mssd(
             hint: "give points of the surface",
         });
     }
+    check_finite(points)?;
+    check_pose("estimated", estimated)?;
+    check_pose("truth", truth)?;
+    symmetries.iter().try_for_each(|symmetry| check_pose("symmetries", symmetry))?;
     let largest = |symmetry: &Isometry3<f64>| {
         let target = truth * symmetry;
         points

@@ -43,7 +43,7 @@ pub(crate) fn remarks(
     let details = details(detection).filter(|_| fine.is_none());
     let ambiguity = aside.or(half).or(revolves).or(rival).or(fine);
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
-    let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(chosen, candidates, &likeness));
+    let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
     let doubted = !found && prepared.one_view() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted;
@@ -220,17 +220,27 @@ impl Likeness {
     }
 }
 
-/// Says so when another axis came out of the search that explains the data about as well, as for a cube.
-fn ambiguity_of_axes(chosen: &Found, candidates: &[Found], likeness: &Likeness) -> Option<String> {
+/// Says so when another axis than `axis` came out of the search that explains the data about as well, as for a cube.
+fn ambiguity_of_axes(
+    axis: &Axis,
+    chosen: &Found,
+    candidates: &[Found],
+    likeness: &Likeness,
+) -> Option<String> {
     /// Angle between axes that are not the same \[rad\].
     const APART: f64 = 0.17;
-    let (axis, score) = (&chosen.proposal.axis, chosen.proposal.score.value());
     let size = |found: &Found| found.order.map_or(0, group_size);
+    let score = |found: &Found| found.proposal.score.value();
+    let is_apart = |found: &Found| found.proposal.axis.angle_to(axis) > APART;
+    // The refinement may lead from a rough start to where a better one of the candidates is, too.
+    let here = candidates.iter().filter(|found| !is_apart(found) && size(found) == size(chosen));
+    let best_here = here.map(score).fold(score(chosen), f64::max);
     let other = candidates.iter().find(|other| {
         let least = if size(other) > size(chosen) { likeness.of_larger } else { likeness.of_equals };
-        other.proposal.score.value() >= least * score
+        score(other) >= least * best_here
             && size(other) >= size(chosen)
-            && other.proposal.axis.angle_to(axis) > APART
+            && is_apart(other)
+            && !std::ptr::eq(*other, chosen)
     })?;
     let degrees = other.proposal.axis.angle_to(axis).to_degrees();
     Some(format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well"))

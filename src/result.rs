@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::symmetry::order::Order;
@@ -75,6 +75,22 @@ pub struct Estimate {
     pub timings: BTreeMap<String, f64>,
     /// Counts and figures of each stage, by name.
     pub diagnostics: BTreeMap<String, Diagnostic>,
+}
+
+impl Estimate {
+    /// Turns about +z of the object that leave the part as it looks, the identity first: as many as its order, or `steps` (at
+    /// least one) of a continuous symmetry.
+    pub fn symmetries(&self, steps: u32) -> impl ExactSizeIterator<Item = UnitQuaternion<f64>> + use<> {
+        let count = if let Order::Cyclic(n) = self.order { n } else { steps.max(1) };
+        let turn = std::f64::consts::TAU / f64::from(count);
+        (0..count).map(move |k| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn * f64::from(k)))
+    }
+
+    /// Poses that look the same: `world_from_object` turned by each of the [`Estimate::symmetries`], itself first.
+    #[must_use]
+    pub fn equivalent_poses(&self, steps: u32) -> Vec<Isometry3<f64>> {
+        self.symmetries(steps).map(|turn| self.world_from_object * turn).collect()
+    }
 }
 
 /// One figure or remark of a stage.

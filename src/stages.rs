@@ -77,10 +77,11 @@ impl<'a> Stages<'a> {
         self.diagnostics.insert(name.to_owned(), Diagnostic::Series(values.to_vec()));
     }
 
-    /// Ends the last stage; gives seconds and figures by name.
-    pub(crate) fn finish(mut self) -> (BTreeMap<String, f64>, BTreeMap<String, Diagnostic>) {
+    /// Ends the last stage and reports that all is done; gives seconds and figures by name.
+    pub(crate) fn finish(mut self) -> Result<(BTreeMap<String, f64>, BTreeMap<String, Diagnostic>)> {
         self.end();
-        (self.timings, self.diagnostics)
+        self.control.report("done", 1.0)?;
+        Ok((self.timings, self.diagnostics))
     }
 
     pub(crate) fn text(&mut self, name: &str, value: &str) {

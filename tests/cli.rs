@@ -83,7 +83,8 @@ fn bad_usage_is_refused() {
     refused(&["estimate", HUB, "--timeout", "nan"], "zero or more");
     refused(&["estimate", HUB, "--voxel-size", "-0.5"], "voxel_size = -0.5");
     refused(&["estimate", HUB, "--threads", "0"], "threads = 0");
-    refused(&["estimate", HUB, "--roi", "1", "1", "1", "0", "2", "2"], "lower corner");
+    refused(&["estimate", HUB, "--roi", "1", "1", "1", "0", "2", "2"], "finite corners, the lower one below");
+    refused(&["estimate", HUB, "--roi", "0", "0", "0", "1", "1", "inf"], "finite corners");
     refused(&["estimate", HUB, "--axis-hint", "0", "0", "0"], "axis_hint");
     refused(&["estimate", HUB, "--viewpoint", "inf", "0", "0"], "NaN or infinite");
     refused(&["estimate", HUB, "--completed", "whole.stl"], "whole.stl: cannot write \"stl\"");

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 use sympose::config::TrackingParams;
+use sympose::metrics::{adds, mssd};
 use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sympose::result::Diagnostic;
 use sympose::{
@@ -285,7 +286,39 @@ fn what_is_too_little_for_tracking_is_looked_at_in_full() {
     assert!(found.diagnostics.contains_key("tracking"));
     drop(request);
     let reported: Vec<f64> = reported.iter().collect();
-    assert!(reported.len() > 8 && reported.is_sorted(), "{reported:?}");
+    assert!(reported.len() > 8 && reported.is_sorted() && reported.ends_with(&[1.0]), "{reported:?}");
+}
+
+#[test]
+fn poses_and_viewpoints_that_are_not_finite_are_refused() {
+    let cloud = PointCloud::from_points(knob(5, 5_000)).unwrap();
+    let nan = Isometry3::translation(0.0, f64::NAN, 0.0);
+    let estimator = Estimator::new(cyclic(5)).unwrap();
+    for (name, request) in [
+        ("initial", Request { initial: Some(nan), ..Request::default() }),
+        ("prefer", Request { prefer: Some(nan), ..Request::default() }),
+    ] {
+        let refused = estimator.estimate_with(&cloud, &request);
+        assert!(matches!(refused, Err(Error::InvalidParameter { name: found, .. }) if found == name));
+    }
+    let here = Isometry3::identity();
+    let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
+    assert!(matches!(mssd(&points, &nan, &here, &[]), Err(Error::InvalidParameter { .. })));
+    assert!(matches!(mssd(&points, &here, &here, &[nan]), Err(Error::InvalidParameter { .. })));
+    assert!(matches!(mssd(&[[f64::NAN; 3]], &here, &here, &[]), Err(Error::NonFinite { .. })));
+    assert!(matches!(adds(&points, &here, &nan), Err(Error::InvalidParameter { .. })));
+    let refused = cloud.with_viewpoints([[0.0, 0.0, f64::NAN]]).unwrap_err().to_string();
+    assert!(refused.starts_with("viewpoints = 1 of 1 rows"), "{refused}");
+}
+
+#[test]
+fn equivalent_poses_begin_with_the_pose_and_turn_about_the_axis() {
+    let found = estimate(knob(5, 5_000), cyclic(5)).unwrap();
+    let poses = found.equivalent_poses(36);
+    assert_eq!((poses.len(), poses[0]), (5, found.world_from_object));
+    let z = Vector3::z();
+    assert!(poses.iter().all(|pose| (pose * z - found.world_from_object * z).norm() < 1e-12));
+    assert!((poses[1].rotation.angle_to(&poses[0].rotation) - TAU / 5.0).abs() < 1e-9);
 }
 
 #[test]

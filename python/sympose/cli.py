@@ -31,6 +31,9 @@ _NO_POSE = (CancelledError, DeadlineExceededError, InsufficientDataError, NoSymm
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line on `argv`, or on the arguments of the process; returns the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed, as by `>&-`: no one reads, but the work is still wanted
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     try:
         try:
             return _run(arguments)

@@ -49,7 +49,7 @@ def estimate(
     axis_hint: ArrayLike | None = None,
     initial: Estimate | ArrayLike | None = None,
     reference: Reference | None = None,
-    prefer: ArrayLike | None = None,
+    prefer: Estimate | ArrayLike | None = None,
     config: Config | None = None,
     seed: int = 0,
     threads: int | None = None,
@@ -60,7 +60,8 @@ def estimate(
 
     Args:
         scene: (N, 3) points in any unit, the path of a file that `read` knows, a `Scene`, or anything with
-            `.points` or `.vertices` (Open3D, PyVista, trimesh). NaN points are left out.
+            `.points` or `.vertices` (Open3D, PyVista, trimesh), with `.normals` where an Open3D cloud has
+            them. NaN points are left out.
         order: Order of the symmetry, a whole number of at least 2, or "continuous" for a surface of
             revolution. None: found.
         viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and
@@ -77,7 +78,7 @@ def estimate(
             The axis keeps its sign; without `prefer` the equivalent pose nearest to this one is returned.
         reference: A taught part, from `Estimate.as_reference`: the pose is found in its frame, which fixes
             the origin along the axis and the turn about it. Its order counts where none is given.
-        prefer: (4, 4); among equivalent poses the one nearest to this is returned.
+        prefer: (4, 4) or an earlier estimate; among equivalent poses the one nearest to this is returned.
         config: All other settings. An argument given here wins over the same setting in `config`.
         seed: Seed of everything random; 0 leaves that of `config`.
         threads: Worker threads, in a pool of its own; None: all cores. The result does not depend on it.
@@ -127,7 +128,7 @@ def estimate(
         normals=source.normals if normals is None else normals,
         foreground=foreground,
         initial=initial.pose if isinstance(initial, Estimate) else initial,
-        prefer=prefer,
+        prefer=prefer.pose if isinstance(prefer, Estimate) else prefer,
         reference=reference,
         timeout=timeout,
         progress=progress,
@@ -160,7 +161,10 @@ def _as_scene(scene: SceneLike) -> Scene:
         # Open3D, PyVista and trimesh are known by what they have, so that none of them is imported.
         for name in ("points", "vertices"):
             if hasattr(scene, name):
-                return Scene(as_points(getattr(scene, name), f"scene.{name}"))
+                points = as_points(getattr(scene, name), f"scene.{name}")
+                normals: Any = getattr(scene, "normals", None) if name == "points" else None
+                # A cloud of Open3D without normals has an empty list of them.
+                return Scene(points, normals=normals if np.shape(normals) == points.shape else None)
     return Scene(as_points(cast(ArrayLike, scene), "scene"))
 
 

@@ -211,7 +211,10 @@ fn plane(args: &PlaneArgs, streams: &mut Streams, control: &Control) -> Result<u
     let scan = finite(&read(&args.scan, control)?);
     let distance = match args.distance {
         Some(distance) => distance,
-        None => 2.0 * median_spacing(&KdTree::new(&scan.points)?, &scan.points),
+        None => match median_spacing(&KdTree::new(&scan.points)?, &scan.points) {
+            0.0 if scan.points.len() > 1 => return Err(Error::Degenerate { shape: "identical" }),
+            spacing => 2.0 * spacing,
+        },
     };
     let params = PlaneParams { distance, seed: args.seed, ..PlaneParams::default() };
     let plane = segment_plane(&scan.points, &params)?;

@@ -100,6 +100,15 @@ pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane>
 }
 
 fn check(points: &[[f64; 3]], params: &PlaneParams) -> Result<()> {
+    check_finite(points)?;
+    if points.len() < 3 {
+        return Err(Error::InsufficientData {
+            stage: "plane",
+            needed: 3,
+            got: points.len(),
+            hint: "a plane needs three points that are not on a line",
+        });
+    }
     positive("distance", params.distance)?;
     if !(params.probability > 0.0 && params.probability <= 1.0) {
         return Err(Error::InvalidParameter {
@@ -113,15 +122,6 @@ fn check(points: &[[f64; 3]], params: &PlaneParams) -> Result<()> {
             name: "max_iterations",
             value: "0".into(),
             expected: "at least 1",
-        });
-    }
-    check_finite(points)?;
-    if points.len() < 3 {
-        return Err(Error::InsufficientData {
-            stage: "plane",
-            needed: 3,
-            got: points.len(),
-            hint: "a plane needs three points that are not on a line",
         });
     }
     Ok(())
@@ -195,7 +195,8 @@ impl HalfSpace {
     }
 
     pub(crate) fn coefficients(&self) -> [f64; 4] {
-        [self.normal.x, self.normal.y, self.normal.z, self.d]
+        // Without the sign of a zero.
+        [self.normal.x, self.normal.y, self.normal.z, self.d].map(|x| x + 0.0)
     }
 
     pub(crate) fn flipped(&self) -> Self {

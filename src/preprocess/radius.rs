@@ -6,9 +6,11 @@ use std::ops::Range;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::CHUNK;
 use super::cells::CellList;
+use super::{CHUNK, check_finite};
+use crate::config::positive;
 use crate::error::Result;
+use crate::spatial::KdTree;
 
 /// Settings of [`remove_radius_outliers`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,9 +35,13 @@ impl Default for RadiusParams {
 ///
 /// # Errors
 /// [`Error::NonFinite`](crate::Error::NonFinite); [`Error::InvalidParameter`](crate::Error::InvalidParameter) when the
-/// radius is not positive, or too small for the extent (see [`voxel_downsample`](super::voxel_downsample)).
+/// radius is not positive.
 pub fn remove_radius_outliers(points: &[[f64; 3]], params: &RadiusParams) -> Result<Vec<u32>> {
-    let cells = CellList::new(points, params.radius, "radius")?;
+    positive("radius", params.radius)?;
+    check_finite(points)?;
+    let Ok(cells) = CellList::new(points, params.radius, "radius") else {
+        return crowded_in_tree(points, params);
+    };
     let kept: Vec<Vec<u32>> = (0..points.len())
         .step_by(CHUNK)
         .collect::<Vec<_>>()
@@ -45,6 +51,20 @@ pub fn remove_radius_outliers(points: &[[f64; 3]], params: &RadiusParams) -> Res
     let mut keep = vec![false; points.len()];
     kept.into_iter().flatten().for_each(|point| keep[point as usize] = true);
     Ok((0..points.len() as u32).filter(|&point| keep[point as usize]).collect())
+}
+
+/// The same where a stray point is so far away that cells of this size would be too many.
+fn crowded_in_tree(points: &[[f64; 3]], params: &RadiusParams) -> Result<Vec<u32>> {
+    let tree = KdTree::new(points)?;
+    // The point finds itself.
+    let needed = params.min_neighbors.saturating_add(1);
+    let radius_sq = params.radius * params.radius;
+    let is_crowded = |&point: &u32| {
+        needed <= points.len()
+            && (tree.k_nearest(&points[point as usize], needed).last())
+                .is_some_and(|n| n.distance_sq <= radius_sq)
+    };
+    Ok((0..points.len() as u32).into_par_iter().with_min_len(CHUNK).filter(is_crowded).collect())
 }
 
 /// Points that are looked at before the question is whether they are enough.

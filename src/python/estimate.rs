@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyMappingProxy, PyTuple, PyType};
@@ -76,15 +76,6 @@ impl PyEstimate {
 
 /// More turns than anyone needs, few enough for memory.
 const MAX_STEPS: u32 = 1_000_000;
-
-impl PyEstimate {
-    /// Turns about the axis of the object that leave the part as it looks, the identity first.
-    fn turns(&self, steps: u32) -> impl ExactSizeIterator<Item = UnitQuaternion<f64>> + use<> {
-        let count = if let Order::Cyclic(n) = self.estimate.order { n } else { steps };
-        let turn = std::f64::consts::TAU / f64::from(count);
-        (0..count).map(move |k| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn * f64::from(k)))
-    }
-}
 
 /// An order as Python has it: an int or a str.
 fn order<'py>(py: Python<'py>, order: Order) -> PyResult<Bound<'py, PyAny>> {
@@ -221,11 +212,9 @@ impl PyEstimate {
         let Ok(steps @ 1..=MAX_STEPS) = u32::try_from(steps) else {
             return Err(errors::invalid_input(py, format!("steps = {steps}: expected 1 to {MAX_STEPS}")));
         };
-        let turns = self.turns(steps);
-        let shape = [turns.len(), 4, 4];
-        let poses =
-            turns.flat_map(|turn| arrays::matrix(&(self.estimate.world_from_object * turn))).collect();
-        Ok(arrays::rows(py, poses)?.reshape(shape)?.into_any())
+        let poses = self.estimate.equivalent_poses(steps);
+        let shape = [poses.len(), 4, 4];
+        Ok(arrays::rows(py, poses.iter().flat_map(arrays::matrix).collect())?.reshape(shape)?.into_any())
     }
 
     /// The symmetry as an entry of the models_info.json of a BOP data set (object frame, lengths in mm).
@@ -243,7 +232,7 @@ impl PyEstimate {
             symmetry.set_item("offset", [0.0, 0.0, 0.0])?;
             continuous.append(symmetry)?;
         } else {
-            for turn in self.turns(1).skip(1) {
+            for turn in self.estimate.symmetries(1).skip(1) {
                 discrete.append(
                     arrays::matrix(&Isometry3::from_parts(Translation3::identity(), turn)).concat(),
                 )?;

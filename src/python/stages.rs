@@ -156,7 +156,7 @@ pub(super) fn segment_plane<'py>(
     let points = &*arrays::cloud(points, "segment_plane")?;
     let params = PlaneParams { distance, max_iterations, probability, seed };
     let plane = pool::run(py, || preprocess::segment_plane(points, &params))?;
-    let coefficients = arrays::vector(py, plane.coefficients.map(|x| x + 0.0).to_vec());
+    let coefficients = arrays::vector(py, plane.coefficients.to_vec());
     Ok((coefficients.into_any(), arrays::indices(py, &plane.inliers).into_any()))
 }
 

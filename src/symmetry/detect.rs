@@ -105,14 +105,18 @@ pub struct Detection {
 }
 
 impl Detection {
-    /// Whether the part may have `order`: what was found is that, or a larger group that holds it, or nothing tells since
-    /// so large an order is not looked for.
+    /// Whether the part may have `order`: what was found is that, or a larger group that holds it, or of an order larger than
+    /// those that are looked for as large a part as can be found.
     #[must_use]
     pub fn allows(&self, order: Order) -> bool {
         match (order, self.order) {
             (_, Some(Order::Continuous)) => true,
             (Order::Cyclic(n), Some(Order::Cyclic(found))) => {
-                found.is_multiple_of(n) || n > self.largest_order() && n.is_multiple_of(found)
+                let largest = self.largest_order();
+                let is_part = |order: u32| n.is_multiple_of(order);
+                let is_largest_part =
+                    is_part(found) && !(2..=largest / found).any(|times| is_part(times * found));
+                found.is_multiple_of(n) || (n > largest && is_largest_part)
             }
             _ => false,
         }
@@ -300,6 +304,9 @@ mod tests {
         // Of 72 teeth the largest part among the orders that are looked for is 36.
         assert!(allowed(Order::Cyclic(36), Order::Cyclic(72)));
         assert!(!detection(Some(Order::Cyclic(36)), 80).allows(Order::Cyclic(72)));
+        assert!(allowed(Order::Cyclic(24), Order::Cyclic(72)));
+        assert!(!allowed(Order::Cyclic(12), Order::Cyclic(72)));
+        assert!(!allowed(Order::Cyclic(5), Order::Cyclic(360)));
     }
 
     #[test]

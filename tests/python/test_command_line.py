@@ -101,6 +101,17 @@ def test_a_closed_pipe_is_no_error(tmp_path: Path, arguments: list[str]) -> None
     assert (tmp_path / "a.xyz").exists() == ("{out}" in arguments)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+def test_a_closed_output_is_no_error(scan: Path, tmp_path: Path) -> None:
+    answer = tmp_path / "answer.json"
+    view = " ".join(map(str, make_part().viewpoint))
+    command = f"'{sys.executable}' -m sympose estimate '{scan}' --order {ORDER} --viewpoint {view}"
+    command += f" --json '{answer}' >&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert json.loads(answer.read_text(encoding="utf-8"))["order"] == ORDER
+
+
 def test_dataset_writes_a_scan_and_its_truth(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     scan, truth = tmp_path / "scan.npy", tmp_path / "truth.json"
     assert main(["dataset", "propeller_3", str(scan), "--views", "1", "--truth", str(truth)]) == 0

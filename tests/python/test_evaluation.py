@@ -291,6 +291,46 @@ def test_figures_of_two_builds_do_not_mix(tmp_path: Path) -> None:
         Store(path)
 
 
+def test_what_failed_is_tried_again_and_what_was_refused_is_not(probes: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    todo = cases("own", [Scenario("sphere", 1)], [1], ["refuse", "crash"], choose=choose("knob_3"))
+    run(todo, Store(path))
+    methods.METHODS["refuse"] = methods.METHODS["crash"] = methods.METHODS["right"]
+    assert [row["outcome"] for row in run(todo, Store(path))] == ["refused", "ok"]
+    assert Store(path).rows[todo[0].row_keys()[1]]["outcome"] == "ok"
+
+
+def mesh_folder(folder: Path, *names: str) -> str:
+    folder.mkdir(parents=True)
+    mesh = datasets.part("knob_3").mesh
+    mesh.export(folder / "knob.ply")
+    entries = [{"name": name, "class": "knob", "file": "knob.ply", "order": 3} for name in names]
+    (folder / "manifest.json").write_text(json.dumps(entries), encoding="utf-8")
+    return str(folder)
+
+
+def test_parts_of_two_folders_of_one_name_do_not_mix(probes: list[str], tmp_path: Path) -> None:
+    a, b = mesh_folder(tmp_path / "a" / "meshes", "one"), mesh_folder(tmp_path / "b" / "meshes", "one", "two")
+    both = [case for source in (a, b) for case in cases(source, [Scenario("sphere", 1)], [1], ["right"])]
+    with pytest.raises(InvalidInputError, match="other parts of a folder 'meshes'"):
+        run(both, Store(tmp_path / "out" / "rows.jsonl"))
+    first = run(both[:1], Store(tmp_path / "out" / "rows.jsonl"))
+    assert run(both[:1], Store(tmp_path / "out" / "rows.jsonl")) == first
+    assert len(probes) == 1
+    with pytest.raises(InvalidInputError, match="more than one part of the name one"):
+        cases(mesh_folder(tmp_path / "c", "one", "one"), [Scenario()], [1], ["right"])
+
+
+@pytest.mark.parametrize(
+    "arguments", ["--views 0", "--sigma -1", "--clutter -1 --scenario table", "--seeds 3-1", "--jobs -1"]
+)
+def test_wrong_arguments_are_named(
+    arguments: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments.split(), "--only", "knob_3", "--out", str(tmp_path)]) == 2
+    assert arguments.split()[1] in capsys.readouterr().err
+
+
 def test_a_damaged_store_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     Store(path).add({"key": "a"})

@@ -108,6 +108,16 @@ def test_objects_of_open3d_and_trimesh(part: Part, estimate: sympose.Estimate) -
     assert bytes_of(found) == bytes_of(estimate)
 
 
+def test_the_normals_of_an_open3d_cloud_count(part: Part) -> None:
+    normals = sympose.estimate_normals(part.points, viewpoints=part.viewpoint)
+    cloud = SimpleNamespace(points=part.points, normals=normals)
+    found = sympose.estimate(cloud, order=ORDER, viewpoints=part.viewpoint)
+    given = sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, normals=normals)
+    assert bytes_of(found) == bytes_of(given)
+    without = sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint)
+    assert bytes_of(found) != bytes_of(without)
+
+
 def test_a_path_is_read(part: Part, estimate: sympose.Estimate, tmp_path: Path) -> None:
     path = tmp_path / "scan.npy"
     np.save(path, part.points)
@@ -203,7 +213,7 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"views": 7}, "views must be a sequence"),
         ({"viewpoints": [0.0, 0.0]}, "viewpoints"),
         ({"viewpoints": np.zeros((7, 3))}, "viewpoints has 7 rows"),
-        ({"viewpoints": [0.0, 0.0, np.nan]}, "NaN"),
+        ({"viewpoints": [0.0, 0.0, np.nan]}, "viewpoints = 1 of 1 rows with a NaN"),
         ({"normals": np.zeros((7, 3))}, "normals has 7 rows"),
         ({"normals": np.zeros(3)}, "normals"),
         ({"roi": [[0, 0, 0]]}, "roi"),
@@ -216,6 +226,7 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"prefer": np.diag([1, 1, -1, 1])}, "prefer"),
         ({"threads": 0}, "threads"),
         ({"threads": -1}, "threads"),
+        ({"threads": 100_000}, "threads = 100000: expected 1 to 1,024"),
         ({"seed": -1}, r"seed: .*-1.*, expected a whole number from 0 to 9,223"),
         ({"seed": 2**63}, "seed = 9223372036854775808: expected a whole number from 0 to 9,223"),
         ({"seed": 2**64}, "seed: .*expected a whole number from 0 to 9,223"),
@@ -289,6 +300,8 @@ def test_the_preferred_pose_is_the_nearest_equivalent(part: Part, estimate: symp
         found = estimate_with_preference(part, wanted)
         angle = np.arccos(np.clip((np.trace(found.pose[:3, :3].T @ wanted[:3, :3]) - 1) / 2, -1, 1))
         assert angle < np.pi / ORDER
+    again = sympose.estimate(part.points, order=ORDER, viewpoints=part.viewpoint, prefer=found)
+    assert again.pose.tobytes() == found.pose.tobytes()
 
 
 def estimate_with_preference(part: Part, wanted: Points) -> sympose.Estimate:

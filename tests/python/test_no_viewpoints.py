@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -92,3 +93,13 @@ def test_an_order_found_in_one_view_from_the_side_is_weak_evidence(name: str) ->
     assert found.diagnostics["one_view_assumed"] is True
     assert found.score < 0.5
     assert any("ambiguous" in warning for warning in found.warnings)
+
+
+def test_an_axis_found_again_from_a_rough_start_is_no_other_axis() -> None:
+    # The hub of the README twice: the second of its candidates ends at the axis of the first.
+    points = sympose.read(Path(__file__).parents[2] / "examples/data/hub.ply").points
+    found = sympose.estimate(np.concatenate([points, points]), order=5)
+    once = sympose.estimate(points, order=5)
+    assert np.degrees(np.arccos(min(1.0, abs(found.axis @ once.axis)))) < 0.1
+    assert found.score == pytest.approx(once.score, abs=0.05)
+    assert not [warning for warning in found.warnings if "another axis" in warning]

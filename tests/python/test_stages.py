@@ -102,6 +102,15 @@ def test_radius_filter_counts_other_points(points: Points, radius: float, needed
     assert np.array_equal(kept, points[indices])
 
 
+def test_the_radius_filter_removes_a_point_far_away() -> None:
+    square = np.random.default_rng(1).random((500, 3)) * [1.0, 1.0, 0.0]
+    points = np.vstack([square, [[1e7, 0.0, 0.0]]])
+    near = (np.linalg.norm(points[:, None] - points, axis=2) <= 0.05).sum(axis=1) > 3
+    kept, rows = sympose.remove_radius_outliers(points, 0.05, 3)
+    assert rows.tolist() == np.flatnonzero(near).tolist()
+    assert kept.tobytes() == points[rows].tobytes()
+
+
 @given(arrays(np.float64, (30, 3), elements=st.floats(-10, 10)), st.integers(2, 10), st.floats(0.5, 3.0))
 def test_statistical_filter_cuts_beyond_the_average(points: Points, k: int, ratio: float) -> None:
     kept, indices = sympose.remove_statistical_outliers(points, k, ratio)

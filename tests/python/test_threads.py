@@ -70,7 +70,7 @@ def test_progress_rises_and_comes_in_the_calling_thread(part: Part) -> None:
     assert len(reports) >= 3
     assert fractions == sorted(fractions)
     assert min(fractions) >= 0.0
-    assert max(fractions) <= 1.0
+    assert max(fractions) == 1.0
     assert {thread for _, _, thread in reports} == {threading.get_ident()}
 
 

@@ -45,13 +45,20 @@ def load_mesh_folder(folder: str | Path) -> tuple[Part, ...]:
         raise InvalidInputError(f"{manifest} is not JSON: {error}") from error
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InvalidInputError(f"{manifest} must hold a list of objects")
-    return tuple(_read_part(manifest.parent, entry) for entry in entries)
+    parts = tuple(_read_part(manifest.parent, entry) for entry in entries)
+    names = [part.name for part in parts]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InvalidInputError(f"{manifest} has more than one part of the name {', '.join(sorted(twice))}")
+    return parts
 
 
 def _read_part(folder: Path, entry: dict[str, Any]) -> Part:
     missing = [key for key in ("name", "class", "file", "order") if key not in entry]
     if missing:
         raise InvalidInputError(f"an entry of {folder / 'manifest.json'} lacks {', '.join(missing)}: {entry}")
+    for key in ("name", "class", "file"):
+        if not isinstance(entry[key], str):
+            raise InvalidInputError(f"{key} of an entry of the manifest must be a text, got {entry[key]!r}")
     path = folder / entry["file"]
     if not path.is_file():
         raise FileNotFoundError(f"{path}, listed in the manifest as {entry['name']!r}, does not exist")
@@ -71,11 +78,15 @@ def _read_part(folder: Path, entry: dict[str, Any]) -> Part:
         )
     order: Order = {0: "continuous", 1: None}.get(number, number)
     axis = _vector(entry, "axis_fit", (0.0, 0.0, 1.0))
+    if not axis[2] > 0.0:
+        raise InvalidInputError(f"axis_fit of {entry['name']!r} must point about along +z, got {axis}")
     axis /= np.linalg.norm(axis)
     point = _vector(entry, "axis_point_fit", (0.0, 0.0, 0.0))
     height = entry.get("visible_centroid_z")
     if height is None:
         height = visible_centroid(mesh)[2]
+    elif not isinstance(height, (int, float)) or not np.isfinite(height):
+        raise InvalidInputError(f"visible_centroid_z of {entry['name']!r} must be a number, got {height!r}")
     center = point + (height - point[2]) / axis[2] * axis
     return Part(entry["name"], entry["class"], order, mesh, axis, center, bool(entry.get("dihedral", False)))
 

@@ -70,8 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def evaluate(options: argparse.Namespace) -> int:
     """Run what the options say, write the results and print the tables."""
     out, started = Path(options.out), time.monotonic()
-    options.jobs = options.jobs or os.cpu_count() or 1
     try:
+        if options.jobs < 0:
+            raise ValueError(f"--jobs {options.jobs}: expected a number of processes, or 0 for all cores")
+        options.jobs = options.jobs or os.cpu_count() or 1
         rows, text = _suite(options, out) if options.suite else _chosen(options, out)
     except (SymposeError, ValueError, OSError, ImportError) as error:
         sys.stderr.write(f"error: {error}\n")
@@ -154,7 +156,10 @@ def _numbers(text: str) -> list[int]:
     numbers: list[int] = []
     for word in _words(text):
         first, _, last = word.partition("-")
-        numbers += range(int(first), int(last or first) + 1)
+        found = range(int(first), int(last or first) + 1)
+        if not found:
+            raise ValueError(f"{word!r}: the last number is before the first")
+        numbers += found
     return numbers
 
 

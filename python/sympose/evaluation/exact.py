@@ -73,7 +73,7 @@ def taught_rows(
     pairs = [(subject, seed) for subject in chosen for seed in seeds]
     keys = [taught_key(subject, SPHERE, seed) for subject, seed in pairs]
     for done, ((subject, seed), key) in enumerate(zip(pairs, keys, strict=True), 1):
-        if key not in store.rows:
+        if not store.has(key):
             store.add(measure_taught(subject, SPHERE, seed))
         if progress is not None:
             progress(done, len(pairs), key)

@@ -75,7 +75,8 @@ def cases(
 class Store:
     """Rows in a file of JSON lines; what an interrupted run left half written is dropped.
 
-    Beside it stands a file that names the build that was measured, since figures of two builds must not mix.
+    Beside it stands a file that names the build and the parts that were measured, since figures of two builds
+    or of two folders must not mix.
 
     Args:
         path: Made when it is missing.
@@ -92,7 +93,7 @@ class Store:
         if not path.exists():
             stamp.write_text(build + "\n", encoding="utf-8")
             return
-        known = stamp.read_text(encoding="utf-8").strip() if stamp.exists() else "an unknown build"
+        known = stamp.read_text(encoding="utf-8").split("\n")[0] if stamp.exists() else "an unknown build"
         if known != build:
             raise InvalidInputError(
                 f"{path} was measured with {known}, this is {build}: choose another folder"
@@ -110,6 +111,27 @@ class Store:
             whole += line if line.endswith("\n") else line + "\n"
         if whole != "".join(lines):
             path.write_text(whole, encoding="utf-8")
+
+    def has(self, key: str) -> bool:
+        """Whether the row is there; one that failed for another reason than the scan is worth another try."""
+        return key in self.rows and self.rows[key].get("outcome") != "error"
+
+    def claim(self, place: str, content: str) -> None:
+        """Say which parts the rows of a source are of, since those of two folders of one name must not mix.
+
+        Raises:
+            InvalidInputError: Rows of other parts are here under that name.
+        """
+        stamp = self.path.with_suffix(".build")
+        build, *claims = stamp.read_text(encoding="utf-8").splitlines()
+        known = dict(claim.rsplit(" ", 1) for claim in claims)
+        if known.setdefault(place, content) != content:
+            raise InvalidInputError(
+                f"{self.path} has rows of other parts of a folder {place!r}: rename one of the folders, or "
+                "choose another folder for the results"
+            )
+        lines = [build, *(f"{name} {of}" for name, of in known.items())]
+        stamp.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     def add(self, row: Row) -> None:
         """Keep a row; it is on disk when this returns."""
@@ -135,7 +157,12 @@ def run(
 
     Returns:
         The rows of all cases in their order, whether measured now or before.
+
+    Raises:
+        InvalidInputError: `store` has rows of other parts of a folder of that name.
     """
+    for source, place in dict.fromkeys((case.source, case.place) for case in todo):
+        store.claim(place, _content(source))
     wanted = [key for case in todo for key in case.row_keys()]
     missing = [left for case in todo if (left := _left(case, store))]
     done = len(wanted) - sum(len(case.methods) for case in missing)
@@ -154,10 +181,15 @@ def _build() -> str:
     return f"{_core.__version__} {crc32(Path(str(_core.__file__)).read_bytes()):08x}"
 
 
+def _content(source: str) -> str:
+    """A checksum of what a source says of its parts; those of this package belong to the build."""
+    if source == "own":
+        return source
+    return f"{crc32((Path(source) / 'manifest.json').read_bytes()):08x}"
+
+
 def _left(case: Case, store: Store) -> Case | None:
-    names = tuple(
-        name for name, key in zip(case.methods, case.row_keys(), strict=True) if key not in store.rows
-    )
+    names = tuple(name for name, key in zip(case.methods, case.row_keys(), strict=True) if not store.has(key))
     return replace(case, methods=names) if names else None
 
 

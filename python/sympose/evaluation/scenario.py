@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -57,6 +58,9 @@ class Scenario:
     def __post_init__(self) -> None:
         if self.place not in SCENARIOS:
             raise InvalidInputError(f"scenario must be one of {', '.join(SCENARIOS)}, got {self.place!r}")
+        for name, least in (("views", 1), ("sigma", 0), ("clutter", 0)):
+            if not least <= getattr(self, name) < math.inf:
+                raise InvalidInputError(f"{name} = {getattr(self, name)}: expected at least {least}")
 
     @property
     def label(self) -> str:
@@ -130,4 +134,6 @@ def subject_of(source: str, name: str) -> Subject:
 
 def _orders(part: Part, entry: dict[str, Any]) -> tuple[int | str | None, ...]:
     exact = entry.get("order_exact", entry["order"])
+    if not isinstance(exact, int) or isinstance(exact, bool):
+        raise InvalidInputError(f"order_exact of {part.name!r} must be a whole number, got {exact!r}")
     return tuple(dict.fromkeys([part.order, {0: "continuous", 1: None}.get(exact, exact)]))

@@ -168,7 +168,7 @@ def _special(suite: Suite) -> list[Row]:
     store, chosen = Store(suite.out / "special.jsonl"), suite.subjects()
     keys = [f"{one.source} | {one.part.name} | {SPHERE.label} | 1 | invariance" for one in chosen]
     for done, (subject, key) in enumerate(zip(chosen, keys, strict=True), 1):
-        if key not in store.rows:
+        if not store.has(key):
             store.add(measure_invariance(subject, SPHERE, 1))
         if suite.progress is not None:
             suite.progress(done, len(chosen) + 1, key)

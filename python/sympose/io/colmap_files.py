@@ -38,6 +38,7 @@ _CAMERA = struct.Struct("<IiQQ")
 _IMAGE = struct.Struct("<I7dI")
 _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_2D_SIZE = struct.calcsize("<ddq")
+_LARGEST = 2**63 - 1
 _TRACK = np.dtype([("image", "<u4"), ("point_2d", "<u4")])
 
 
@@ -226,9 +227,12 @@ class _Line:
 
     def integer(self, word: str) -> int:
         try:
-            return int(word)
+            number = int(word)
         except ValueError as error:
             raise self.error(f"expected a whole number for {word!r}") from error
+        if not -_LARGEST <= number <= _LARGEST:
+            raise self.error(f"{word} is too large for a number of COLMAP")
+        return number
 
     def floats(self, words: list[str]) -> tuple[float, ...]:
         try:
