@@ -18,7 +18,7 @@ use crate::reference::{ORIENTED, Reference, Scan};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
-use crate::symmetry::complete::complete;
+use crate::symmetry::complete::{Completion, complete};
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
@@ -118,10 +118,9 @@ impl Estimator {
     }
 
     fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
-        let config = &self.config;
         let mut stages = Stages::new(&request.control);
         stages.begin("input")?;
-        let is_sought = config.viewpoints_from_order && !cloud.has_viewpoints();
+        let is_sought = self.config.viewpoints_from_order && !cloud.has_viewpoints();
         let placed = is_sought.then(|| cloud.with_viewpoints_from_order()).flatten();
         stages.flag("viewpoints_from_order", placed.is_some());
         let cloud = placed.as_ref().unwrap_or(cloud);
@@ -130,75 +129,35 @@ impl Estimator {
             None => self.search(cloud, &mut stages)?,
         };
         let surface = &prepared.surface;
-        let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
-        if cloud.far() > 0 {
-            warnings.push(format!(
-                "far points left out, a hundred times as far away as the scan is wide: {}",
-                cloud.far()
-            ));
-        }
-        if config.ground == GroundMode::On && prepared.ground.is_none() {
-            warnings.push(NO_GROUND.to_owned());
-        }
         let refined = Samples {
             points: if self.config.joint {
-                displaced(&surface.samples.points, &found)
+                displaced(&surface.samples.points, &settled.refined)
             } else {
                 prepared.measured.clone()
             },
             normals: surface.samples.normals.clone(),
         };
-
-        stages.begin("complete")?;
-        let framing = refined.scattered(FRAMING, prepared.voxel_size);
-        let folded = fold(&framing, &found.axis, order, prepared.voxel_size);
-        let ground_normal = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
-        let in_local = |pose: Isometry3<f64>| prepared.world_from_local.inverse() * pose;
-        let previous = request.initial.map(|pose| in_local(pose) * Vector3::z());
-        let (axis, sign_rule) =
-            decide_sign(&found.axis, previous, ground_normal, prepared.toward_sensors, &folded);
-        let folded =
-            if axis == found.axis { folded } else { fold(&framing, &axis, order, prepared.voxel_size) };
-        let mut completion = complete(&refined.points, &axis, order, prepared.voxel_size);
-
-        stages.begin("orient")?;
-        let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
-        let origin = origin_height(&folded, config.origin, base, prepared.outward);
-        let height = origin.value;
-        let heading = find_heading(&folded, order, config.yaw);
-        stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
-        stages.flag(ORIENTED, prepared.outward);
-        stages.number("coverage", completion.coverage);
-        stages.number("yaw_angle", heading.angle);
-        stages.series("yaw_histogram", &heading.histogram);
+        let Framed { axis, mut completion, mut posed } =
+            self.frame(&prepared, &settled, &refined, request, &mut stages)?;
+        let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
         note_evidence(&prepared, &found, &score, &detection, &mut stages);
+        warnings.extend(self.warnings(cloud, &prepared));
 
-        let preferred = request.prefer.or(request.initial).map(in_local);
-        let (local_from_object, angle) = place(&axis, height, heading.angle, order, preferred);
-        let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
-        let radius = 0.5 * prepared.diameter;
-        let pace = self.pace(surface, &axis, order)?;
-        stages.series("pace", pace.as_slice());
-        // The axis may have been turned over since it was found.
-        let sandwich = if axis == found.axis { found.sandwich } else { found.sandwich.reversed() };
-        let (covariance, unobservable) = pose_covariance(&sandwich, &pace, radius, angle, height, along);
-        let mut framed = Framed { local_from_object, covariance, unobservable };
         if let Some(reference) = &request.reference {
             stages.begin("register")?;
-            let visibility = prepared.visibility.as_ref();
             let scan = Scan {
                 samples: &refined,
                 outward: prepared.outward,
                 surface,
-                visibility,
-                scan_from_object: local_from_object,
+                visibility: prepared.visibility.as_ref(),
+                scan_from_object: posed.local_from_object,
                 order,
-                preferred,
+                preferred: preferred(request, &prepared),
             };
             let control = &request.control;
-            framed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
+            posed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
         }
-        let Framed { local_from_object, covariance, unobservable } = framed;
+        let Posed { local_from_object, covariance, unobservable } = posed;
         // The frame of a reference may be the other way up.
         let z = local_from_object * Vector3::z_axis();
         let is_reversed = z.dot(&axis.direction) < 0.0;
@@ -227,6 +186,61 @@ impl Estimator {
             timings,
             diagnostics,
         })
+    }
+
+    /// The frame of the part on the axis found: which way up, where along it, and turned how; with the completed surface.
+    fn frame(
+        &self,
+        prepared: &Prepared,
+        settled: &Settled,
+        refined: &Samples,
+        request: &Request,
+        stages: &mut Stages,
+    ) -> Result<Framed> {
+        let Settled { refined: found, order, .. } = settled;
+        stages.begin("complete")?;
+        let framing = refined.scattered(FRAMING, prepared.voxel_size);
+        let fold_about = |axis: &Axis| fold(&framing, axis, *order, prepared.voxel_size);
+        let mut folded = fold_about(&found.axis);
+        let ground_normal = prepared.ground.map(|[x, y, z, _]| Vector3::new(x, y, z));
+        let previous = request.initial.map(|pose| in_local(pose, prepared) * Vector3::z());
+        let (axis, sign_rule) =
+            decide_sign(&found.axis, previous, ground_normal, prepared.toward_sensors, &folded);
+        let is_turned_over = axis != found.axis;
+        if is_turned_over {
+            folded = fold_about(&axis);
+        }
+        let completion = complete(&refined.points, &axis, *order, prepared.voxel_size);
+
+        stages.begin("orient")?;
+        let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
+        let origin = origin_height(&folded, self.config.origin, base, prepared.outward);
+        let heading = find_heading(&folded, *order, self.config.yaw);
+        stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
+        stages.flag(ORIENTED, prepared.outward);
+        stages.number("coverage", completion.coverage);
+        stages.number("yaw_angle", heading.angle);
+        stages.series("yaw_histogram", &heading.histogram);
+
+        let preferred = preferred(request, prepared);
+        let (local_from_object, angle) = place(&axis, origin.value, heading.angle, *order, preferred);
+        let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
+        let radius = 0.5 * prepared.diameter;
+        let pace = self.pace(&prepared.surface, &axis, *order)?;
+        stages.series("pace", pace.as_slice());
+        let sandwich = if is_turned_over { found.sandwich.reversed() } else { found.sandwich };
+        let (covariance, unobservable) =
+            pose_covariance(&sandwich, &pace, radius, angle, origin.value, along);
+        Ok(Framed { axis, completion, posed: Posed { local_from_object, covariance, unobservable } })
+    }
+
+    /// What the caller should know about the cloud, whatever was found in it.
+    fn warnings(&self, cloud: &PointCloud, prepared: &Prepared) -> Vec<String> {
+        let far = (cloud.far() > 0).then(|| {
+            format!("far points left out, a hundred times as far away as the scan is wide: {}", cloud.far())
+        });
+        let no_ground = self.config.ground == GroundMode::On && prepared.ground.is_none();
+        far.into_iter().chain(no_ground.then(|| NO_GROUND.to_owned())).collect()
     }
 
     /// Match score of rotations by any angle.
@@ -279,8 +293,15 @@ const FRAMING: usize = 60_000;
 /// What is left of the score when another axis explains the data about as well: the answer is one of two.
 const AMBIGUOUS: f64 = 0.5;
 
-/// A pose with what is known of it.
+/// The axis the right way up, the completed surface, and the pose.
 struct Framed {
+    axis: Axis,
+    completion: Completion,
+    posed: Posed,
+}
+
+/// A pose with what is known of it.
+struct Posed {
     local_from_object: Isometry3<f64>,
     covariance: [[f64; 6]; 6],
     unobservable: Vec<FreeDirection>,
@@ -295,7 +316,7 @@ fn register(
     stages: &mut Stages,
     warnings: &mut Vec<String>,
     control: &Control,
-) -> Result<Framed> {
+) -> Result<Posed> {
     let registered = reference.register(scan, control)?;
     stages.number("reference_overlap", registered.overlap);
     stages.number("reference_sigma", registered.sigma);
@@ -313,7 +334,17 @@ fn register(
     }
     let (covariance, unobservable) = (registered.covariance, registered.unobservable);
     warnings.extend(registered.warnings);
-    Ok(Framed { local_from_object, covariance, unobservable })
+    Ok(Posed { local_from_object, covariance, unobservable })
+}
+
+/// A pose of the world in the frame in which the part is looked at.
+fn in_local(pose: Isometry3<f64>, prepared: &Prepared) -> Isometry3<f64> {
+    prepared.world_from_local.inverse() * pose
+}
+
+/// The pose near which the caller wants that of the equivalent ones.
+fn preferred(request: &Request, prepared: &Prepared) -> Option<Isometry3<f64>> {
+    request.prefer.or(request.initial).map(|pose| in_local(pose, prepared))
 }
 
 fn in_world(found: &Found, world_from_local: &Isometry3<f64>) -> Candidate {
