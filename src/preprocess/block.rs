@@ -1,6 +1,7 @@
 //! The points of 27 cells side by side, and how far they are from a query.
 
 use super::cells::CellList;
+use super::selection::Found;
 
 /// More than what single precision gets wrong in the square of a distance within a block [edge of a cell, squared].
 pub(super) const SLACK: f32 = 1e-5;
@@ -11,9 +12,9 @@ pub(super) struct Block {
     pub(super) edge: f64,
     /// A position in the middle cell.
     center: [f64; 3],
-    pub(super) points: Vec<[f64; 3]>,
+    points: Vec<[f64; 3]>,
     /// For each of them its index in the cloud.
-    pub(super) indices: Vec<u32>,
+    indices: Vec<u32>,
     /// Their coordinates relative to `center` [edges], in single precision: twice as many at a time.
     rough: [Vec<f32>; 3],
 }
@@ -57,5 +58,11 @@ impl Block {
             let [x, y, z] = [x - u, y - v, z - w];
             *square = x * x + y * y + z * z;
         }
+    }
+
+    /// The point at a place of the block, as a neighbour of a query.
+    #[inline]
+    pub(super) fn found(&self, place: u32, query: &[f64; 3]) -> Found {
+        Found::new(self.indices[place as usize], &self.points[place as usize], query)
     }
 }

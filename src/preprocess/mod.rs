@@ -27,6 +27,7 @@ mod radius;
 mod rays;
 mod scanlines;
 mod search;
+mod selection;
 mod sensor;
 mod sides;
 mod smooth;

@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use super::CHUNK;
-use super::search::{Found, Search};
+use super::search::Search;
+use super::selection::Found;
 use crate::error::Result;
 use crate::median::median;
 use crate::spatial::KdTree;

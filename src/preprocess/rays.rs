@@ -7,7 +7,8 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::neighbors::map_neighbors;
-use super::search::{Found, nearest};
+use super::search::nearest;
+use super::selection::Found;
 use super::{at_least_one, check_finite};
 use crate::error::Result;
 use crate::median::{median, robust_sigma};

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::neighbors::map_neighbors;
-use super::search::Found;
+use super::selection::Found;
 use super::{CHUNK, KNeighbors, at_least_one, check_finite};
 use crate::config::positive;
 use crate::error::{Error, Result};
