@@ -15,7 +15,7 @@ pub(crate) struct Remarks {
     pub warnings: Vec<String>,
     /// Another answer may be the right one: this one deserves less trust.
     pub ambiguous: bool,
-    /// The only view does not allow the declared order about this axis.
+    /// What the cameras saw does not allow the declared order about this axis.
     pub doubted: bool,
 }
 
@@ -45,8 +45,8 @@ pub(crate) fn remarks(
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
-    let doubted = !found && prepared.one_view() && !detection.allows(declared);
-    let ambiguous = ambiguity.is_some() || doubted;
+    let doubted = !found && visibility.is_some() && !detection.allows(declared);
+    let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if found {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
