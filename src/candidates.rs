@@ -35,7 +35,8 @@ const DETECTION_GATE: [f64; 2] = [1.9, 1.1];
 /// The same where no viewpoint is known and the points of a surface lie in several layers.
 const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
 
-/// Points that suffice to remark on a declared order, which they do not decide.
+/// Points that suffice, where several views show the part, to tell whether they allow a declared order: for a remark, and to try
+/// the next axis where they do not.
 const REMARKED: usize = 250;
 
 /// An axis with the order that holds about it.
@@ -67,7 +68,7 @@ impl Estimator {
         let surface = &prepared.surface;
         let declared = self.config().order;
         let mut refusal = None;
-        // One view hides so much that a wrong axis may be as good, but seldom allows the declared order, too.
+        // Where much is hidden a wrong axis may be as good, but seldom allows the declared order, too.
         let mut best: Option<((bool, f64), Settled)> = None;
         let mut answered: Vec<(&Found, f64)> = Vec::new();
         let mut tried = 0;

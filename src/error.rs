@@ -94,6 +94,7 @@ pub enum Error {
     },
 }
 
+/// What is wrong with these points: where none is left, to remove them is no advice.
 fn non_finite(count: usize, total: usize) -> String {
     if count == total {
         return format!("{count} of {total} points have a NaN or infinite coordinate; none is left");

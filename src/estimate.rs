@@ -88,8 +88,8 @@ impl Estimator {
     ///
     /// # Errors
     /// Those of [`Estimator::estimate`], [`Error::Cancelled`] or [`Error::DeadlineExceeded`], and
-    /// [`Error::InvalidParameter`] for a pose that is not finite. A scan that does not fit
-    /// the reference is an [`Error::NoSymmetry`], too.
+    /// [`Error::InvalidParameter`] for a pose that is not finite. A scan that does not fit the reference is an
+    /// [`Error::NoSymmetry`], too.
     pub fn estimate_with(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
         for (name, pose) in [("initial", &request.initial), ("prefer", &request.prefer)] {
             pose.iter().try_for_each(|pose| check_pose(name, pose))?;
