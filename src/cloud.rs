@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::picture::Picture;
 use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpoints_from_order};
 use crate::viewpoints::Viewpoints;
 
@@ -32,6 +33,7 @@ pub struct PointCloud {
     origin: [f64; 3],
     viewpoints: Viewpoints,
     normals: Option<Vec<[f64; 3]>>,
+    pictures: Vec<Picture>,
 }
 
 impl PointCloud {
@@ -98,6 +100,7 @@ impl PointCloud {
             origin,
             viewpoints: Viewpoints::default(),
             normals: None,
+            pictures: Vec::new(),
         })
     }
 
@@ -136,6 +139,14 @@ impl PointCloud {
         }
         self.viewpoints = found;
         Ok(self)
+    }
+
+    /// Says what the cameras would have shown (world coordinates): where one got no return, nothing is likely to be. Each
+    /// counts for the points seen from where it stands, by [`PointCloud::with_viewpoints`]; without it, the points tell how
+    /// far a camera saw where several of them show the part.
+    #[must_use]
+    pub fn with_pictures(self, pictures: Vec<Picture>) -> Self {
+        Self { pictures, ..self }
     }
 
     /// Gives a normal for each input point (world frame, any length but zero, oriented or not).
@@ -224,6 +235,10 @@ impl PointCloud {
     #[must_use]
     pub fn has_viewpoints(&self) -> bool {
         !self.viewpoints.places.is_empty()
+    }
+
+    pub(crate) fn pictures(&self) -> &[Picture] {
+        &self.pictures
     }
 
     pub(crate) fn viewpoints(&self) -> &Viewpoints {

@@ -67,6 +67,7 @@ pub mod io;
 mod locate;
 mod median;
 pub mod metrics;
+pub mod picture;
 mod prepare;
 pub mod preprocess;
 #[cfg(feature = "python")]
@@ -85,6 +86,7 @@ pub use control::{CancelToken, Control};
 pub use error::{Error, Result};
 pub use estimate::{Estimate, Estimator, Request};
 pub use nalgebra;
+pub use picture::Picture;
 pub use reference::Reference;
 pub use symmetry::order::Order;
 

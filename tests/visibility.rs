@@ -1,7 +1,8 @@
 //! What cameras say about places, of a plate with a hole.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use sympose::Picture;
 use sympose::symmetry::visibility::{Seen, Visibility};
 
 /// A square plate of side 1 at z = 0 with a hole of side 0.2 in its middle, seen from above.
@@ -9,7 +10,8 @@ fn plate() -> Visibility {
     let at = |i: i32| f64::from(i) / 200.0;
     let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
     let points: Vec<Vector3<f64>> = lattice.filter(|p| p.x.abs() > 0.1 || p.y.abs() > 0.1).collect();
-    Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0, |_| true).unwrap()
+    Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0, |_| true, &[])
+        .unwrap()
 }
 
 fn seen(place: [f64; 3], normal: Option<[f64; 3]>) -> Seen {
@@ -33,4 +35,59 @@ fn a_return_is_missing_in_a_hole_but_not_from_a_surface_at_a_grazing_angle() {
     assert_eq!(seen(hole, Some([1.0, 0.0, 0.1])), Seen::Hidden);
     // What was measured behind it shows at any angle that nothing is there.
     assert_eq!(seen([0.3, 0.0, 0.3], Some([1.0, 0.0, 0.1])), Seen::Free);
+}
+
+/// The plate without its hole, each half of it seen from above by the places that `sees` tells.
+fn halves(sees: [[bool; 2]; 2], pictures: &[Picture]) -> Visibility {
+    let at = |i: i32| f64::from(i) / 200.0;
+    let lattice: Vec<Vector3<f64>> =
+        (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0))).collect();
+    let places = [Vector3::new(0.3, 0.0, 2.0), Vector3::new(-0.3, 0.0, 2.0)];
+    let seen_from = |place: usize| lattice.iter().filter(move |p| sees[place][usize::from(p.x >= 0.0)]);
+    let points: Vec<(usize, Vector3<f64>)> =
+        [0, 1].into_iter().flat_map(|place| seen_from(place).map(move |p| (place, *p))).collect();
+    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| true, pictures).unwrap()
+}
+
+#[test]
+fn beside_all_that_any_view_measured_a_return_is_missing() {
+    let look =
+        |visibility: Visibility, x: f64| visibility.seen(&Vector3::new(x, 0.0, 0.0), None, 0.02, |_| false);
+    let whole = [[true, true]; 2];
+    assert_eq!(look(halves(whole, &[]), 0.7), Seen::Missing);
+    assert_eq!(look(halves(whole, &[]), 2.0), Seen::Hidden, "farther than can be supposed");
+    assert_eq!(look(halves([[true, false], [false, true]], &[]), 0.7), Seen::Hidden, "each was cut off");
+    assert_eq!(look(halves([[true, true], [false, false]], &[]), 0.7), Seen::Hidden, "a single view");
+}
+
+#[test]
+fn a_known_picture_tells_where_a_single_view_saw_nothing() {
+    // Looks down: +z of the camera is -z of the world.
+    let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let camera = Isometry3::from_parts(Vector3::new(0.3, 0.0, 2.0).into(), down);
+    let picture = |right: f64| Picture::new(camera, [[-0.5, -0.5], [right, 0.5]]).unwrap();
+    let look = |right: f64, x: f64| {
+        let visibility = halves([[true, true], [false, false]], &[picture(right)]);
+        visibility.seen(&Vector3::new(x, 0.0, 0.0), None, 0.02, |_| false)
+    };
+    assert_eq!(look(0.5, 0.7), Seen::Missing);
+    assert_eq!(look(0.15, 0.7), Seen::Hidden, "out of the picture");
+    assert_eq!(look(0.5, -0.6), Seen::Missing);
+    assert_eq!(look(0.5, -0.8), Seen::Hidden, "out of the picture on the other side");
+}
+
+#[test]
+fn nothing_is_below_the_support() {
+    let standing = || plate().supported_by([0.0, 0.0, 1.0, 0.5], 0.1);
+    let look = |z: f64| standing().seen(&Vector3::new(0.3, 0.0, z), None, 0.02, |_| false);
+    assert_eq!(look(-0.59), Seen::Hidden);
+    assert_eq!(look(-0.61), Seen::Free);
+}
+
+#[test]
+fn a_picture_without_an_area_is_refused() {
+    let of = |corners| Picture::new(Isometry3::identity(), corners);
+    assert!(of([[0.5, -0.5], [-0.5, 0.5]]).is_err() && of([[f64::NAN, -0.5], [0.5, 0.5]]).is_err());
+    let error = of([[0.0, 0.0], [0.0, 1.0]]).unwrap_err().to_string();
+    assert!(error.contains("picture") && error.contains("corners"), "{error}");
 }

@@ -44,6 +44,7 @@ def estimate(
     viewpoints: ArrayLike | None = None,
     normals: ArrayLike | None = None,
     foreground: NDArray[np.bool_] | None = None,
+    pictures: Sequence[tuple[NDArray[np.float64], list[list[float]]]] = ...,
     initial: ArrayLike | None = None,
     prefer: ArrayLike | None = None,
     reference: Reference | None = None,

@@ -283,6 +283,23 @@ class View:
         )
 
 
+def field_of_view(camera: PinholeCamera) -> list[list[float]] | None:
+    """The largest rectangle, about, of directions that lie in the image.
+
+    Returns:
+        (2, 2) least and largest x / z and y / z, or None where the distortion model does not reach the edges
+        of the image.
+    """
+    columns, rows = np.linspace(0, camera.width - 1, 16), np.linspace(0, camera.height - 1, 16)
+
+    def edge(u: NDArray[np.float64] | float, v: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        return camera.unproject(np.stack(np.broadcast_arrays(u, v), axis=1), 1.0)
+
+    left, right = edge(0.0, rows)[:, 0].max(), edge(columns[-1], rows)[:, 0].min()
+    top, bottom = edge(columns, 0.0)[:, 1].max(), edge(columns, rows[-1])[:, 1].min()
+    return [[left, top], [right, bottom]] if left < right and top < bottom else None
+
+
 def as_views(views: Iterable[View]) -> tuple[View, ...]:
     """Return views as a tuple.
 

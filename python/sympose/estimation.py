@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from sympose import _core
 from sympose._core import Estimate, Reference
 from sympose.arrays import as_points
-from sympose.camera import View, as_views
+from sympose.camera import View, as_views, field_of_view
 from sympose.config import Config
 from sympose.errors import DeadlineExceededError, InsufficientDataError, InvalidInputError
 from sympose.scene import Scene
@@ -70,7 +70,9 @@ def estimate(
             sensor read them out (`viewpoints_from_order`).
         normals: (N, 3), oriented or not; estimated where absent.
         views: Pinhole views of the scene. With them, or with a scene that has them, the foreground is
-            segmented first; `views=()` leaves that out.
+            segmented first; `views=()` leaves that out. They do not tell which camera measured which point:
+            that is what `viewpoints` say, which a scene made from depth images has. With both, a pixel
+            without a return counts as one.
         roi: (2, 3) lower and upper corner; points outside are ignored.
         axis_hint: (3,) rough axis, sign ignored; the search stays within 30 degrees of it.
         initial: Pose to start from, (4, 4) or an earlier estimate: for tracking. It is refined on fewer
@@ -112,6 +114,7 @@ def estimate(
     settings = (config or Config()).replace(**changes)
     source = _as_scene(scene)
     views = source.views if views is None else as_views(views)
+    pictures = [(view.world_from_camera, field_of_view(view.camera)) for view in views or source.views]
     foreground: NDArray[np.bool_] | None = None
     warnings: list[str] = []
     if views:
@@ -127,6 +130,7 @@ def estimate(
         viewpoints=source.viewpoints if viewpoints is None else viewpoints,
         normals=source.normals if normals is None else normals,
         foreground=foreground,
+        pictures=[(pose, corners) for pose, corners in pictures if corners is not None],
         initial=initial.pose if isinstance(initial, Estimate) else initial,
         prefer=prefer.pose if isinstance(prefer, Estimate) else prefer,
         reference=reference,

@@ -70,6 +70,9 @@ impl Prepared {
     }
 }
 
+/// Depth below the support plane from which on nothing can be of the part [diameters]; rough axes bring right points there.
+const SUNK: f64 = 0.03;
+
 /// Runs all stages before the search for the axis; with `tracking` on fewer points.
 pub(crate) fn prepare(
     cloud: &PointCloud,
@@ -103,6 +106,10 @@ pub(crate) fn prepare(
     let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
     let measured = patches.measured();
     let Cleaned { sparseness, visibility, .. } = cleaned;
+    let supported = |visibility: Visibility| match ground {
+        Some(plane) => visibility.supported_by(plane, SUNK * diameter),
+        None => visibility,
+    };
     Ok(Prepared {
         world_from_local: Translation3::from(Vector3::from(cloud.origin())) * part.frame,
         surface,
@@ -113,7 +120,7 @@ pub(crate) fn prepare(
         inliers,
         point_of_inlier,
         ground,
-        visibility,
+        visibility: visibility.map(supported),
         outward: part.has_viewpoints(),
         toward_sensors,
     })

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use rayon::prelude::*;
 
 use super::resolution::width;
@@ -10,6 +10,7 @@ use crate::cloud::PointCloud;
 use crate::config::{Config, OutlierParams};
 use crate::error::{Error, Result};
 use crate::frames::principal_frame;
+use crate::picture::Picture;
 use crate::preprocess::{
     CHUNK, ClusterParams, VoxelGrid, main_cluster, noise_along_rays, smooth_along_rays, voxel_downsample,
 };
@@ -199,7 +200,17 @@ impl<'a> Scene<'a> {
         let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
         let place_of = |i: usize| self.place_of_row(row(i) as usize);
         let is_of_part = |i: usize| is_of_part.is_empty() || is_of_part[left[i] as usize];
-        Visibility::new(left.len(), point, &self.places, place_of, is_of_part)
+        Visibility::new(left.len(), point, &self.places, place_of, is_of_part, &self.pictures())
+    }
+
+    /// The fields of view of the cameras, in the frame of the points.
+    fn pictures(&self) -> Vec<Picture> {
+        let local_from_world = self.inverse * Translation3::from(-Vector3::from(self.cloud.origin()));
+        let local = |picture: &Picture| Picture {
+            world_from_camera: local_from_world * picture.world_from_camera,
+            ..*picture
+        };
+        self.cloud.pictures().iter().map(local).collect()
     }
 
     /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of

@@ -20,6 +20,7 @@ use crate::estimate::{Estimator, Request};
 ///     normals: (N, 3), or None.
 ///     config: Settings as JSON.
 ///     foreground: (N,) bool, or None: the rest is left out, but `inliers` still index all points.
+///     pictures: For each view its pose, (4, 4), and the least and largest x / z and y / z that it shows, (2, 2).
 ///     initial: (4, 4), or None.
 ///     prefer: (4, 4), or None.
 ///     reference: The taught part, or None.
@@ -28,8 +29,8 @@ use crate::estimate::{Estimator, Request};
 ///     warnings: Put before those of the estimate.
 #[pyfunction]
 #[pyo3(signature = (
-    points, *, config, viewpoints=None, normals=None, foreground=None, initial=None, prefer=None, reference=None,
-    timeout=None, progress=None, warnings=Vec::new()
+    points, *, config, viewpoints=None, normals=None, foreground=None, pictures=Vec::new(), initial=None, prefer=None,
+    reference=None, timeout=None, progress=None, warnings=Vec::new()
 ))]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
 pub(super) fn estimate(
@@ -39,6 +40,7 @@ pub(super) fn estimate(
     viewpoints: Option<&Bound<'_, PyAny>>,
     normals: Option<&Bound<'_, PyAny>>,
     foreground: Option<&Bound<'_, PyAny>>,
+    pictures: Vec<(Bound<'_, PyAny>, [[f64; 2]; 2])>,
     initial: Option<&Bound<'_, PyAny>>,
     prefer: Option<&Bound<'_, PyAny>>,
     reference: Option<&Bound<'_, PyReference>>,
@@ -50,7 +52,7 @@ pub(super) fn estimate(
     if let Some(seconds) = timeout {
         control = control.with_timeout(duration(py, seconds)?);
     }
-    let input = Input::new(points, viewpoints, normals, foreground)?;
+    let input = Input::new(points, viewpoints, normals, foreground, pictures)?;
     let initial = initial.map(|value| arrays::isometry(value, "initial")).transpose()?;
     let prefer = prefer.map(|value| arrays::isometry(value, "prefer")).transpose()?;
     let reference = reference.map(|taught| taught.get().share());

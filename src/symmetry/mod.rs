@@ -5,6 +5,7 @@ pub mod axis;
 pub mod closure;
 pub mod complete;
 pub mod covariance;
+mod depth_map;
 pub(crate) mod details;
 pub mod detect;
 mod field;

@@ -2,14 +2,14 @@
 //!
 //! A ray proves that space is free only up to the point that it measured; a direction without a return proves nothing.
 
-use nalgebra::{Matrix2, Matrix3, Rotation2, Rotation3, Vector2, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
+
+use crate::picture::Picture;
+use crate::symmetry::depth_map::{DepthMap, Surroundings};
 
 /// Views beyond this number add little evidence and cost time; the ones with most points are kept.
 const MAX_VIEWS: usize = 16;
-
-/// Cells along one side of a depth map, at most.
-const MAX_CELLS: usize = 512;
 
 /// Points in a cell if the view were filled, so that a cell without return is a true gap; small, so that holes in the part
 /// show.
@@ -37,9 +37,6 @@ const STRIPS: f64 = 0.1;
 /// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
 
-/// Directions more than this far from the middle of a view \[rad\] are left out of its map.
-const MAX_OFF_AXIS: f64 = 1.2;
-
 /// What a set of depth maps says about a place where no surface was measured; later ones are stronger.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Seen {
@@ -55,6 +52,8 @@ pub enum Seen {
 #[derive(Debug, Clone)]
 pub struct Visibility {
     views: Vec<DepthMap>,
+    /// Unit normal and offset of the plane below which there is nothing.
+    support: Option<(Vector3<f64>, f64)>,
     /// Returns that are missing for each that came, where one view measured a surface that another one should have
     /// seen: 0 for a sensor that loses none.
     pub dropout: f64,
@@ -66,6 +65,7 @@ impl Visibility {
     /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for,
     /// each seen from the one of `places` that `place_of` numbers. `None` where there is no view with enough points. Whether
     /// returns are lost is judged by the points that `is_of_part` tells: the support reaches beyond the picture of a camera.
+    /// `pictures` are those that are known.
     #[must_use]
     pub fn new(
         count: usize,
@@ -73,6 +73,7 @@ impl Visibility {
         places: &[Vector3<f64>],
         place_of: impl Fn(usize) -> usize,
         is_of_part: impl Fn(usize) -> bool,
+        pictures: &[Picture],
     ) -> Option<Self> {
         let mut members: Vec<(&Vector3<f64>, Vec<u32>)> = places.iter().map(|p| (p, Vec::new())).collect();
         for i in 0..count {
@@ -86,7 +87,7 @@ impl Visibility {
             };
             members.par_iter().filter_map(map).collect()
         };
-        let views = maps(POINTS_PER_CELL);
+        let mut views = maps(POINTS_PER_CELL);
         if views.is_empty() {
             return None;
         }
@@ -94,16 +95,27 @@ impl Visibility {
         let step = own().count().div_ceil(LOOKED_AT).max(1);
         let part: Vec<[Vector3<f64>; 2]> =
             own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
-        if lost_share(&views, &part) < NO_LOSS {
-            return Some(Self { views, dropout: 0.0, shows_details: true });
+        let (mut dropout, mut shows_details) = (0.0, true);
+        if lost_share(&views, &part) >= NO_LOSS {
+            views = maps(LOSSY_POINTS_PER_CELL);
+            let lost = lost_share(&views, &part);
+            (dropout, shows_details) = (if lost > EDGES { lost } else { 0.0 }, false);
         }
-        let mut views = maps(LOSSY_POINTS_PER_CELL);
-        let lost = lost_share(&views, &part);
-        let dropout = if lost > EDGES { lost } else { 0.0 };
-        if dropout > 0.0 {
-            views.par_iter_mut().for_each(|view| view.hide_lost((0..count).map(&point_of)));
-        }
-        Some(Self { views, dropout, shows_details: false })
+        views.par_iter_mut().for_each(|view| {
+            if dropout > 0.0 {
+                view.hide_lost((0..count).map(&point_of));
+            }
+            view.surroundings = surroundings(view, &part, pictures);
+        });
+        Some(Self { views, support: None, dropout, shows_details })
+    }
+
+    /// Takes all that lies more than `depth` \[length\] below a plane, which has its normal up, for empty: the part stands
+    /// on it.
+    #[must_use]
+    pub fn supported_by(self, plane: [f64; 4], depth: f64) -> Self {
+        let [x, y, z, d] = plane;
+        Self { support: Some((Vector3::new(x, y, z), d + depth)), ..self }
     }
 
     /// Number of views.
@@ -115,7 +127,7 @@ impl Visibility {
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
     /// grazing angle. Where returns of a camera may be lost, as `is_barred` says given its place, a missing one says
-    /// nothing either, and one beside a missing one proves nothing free.
+    /// nothing either, and one beside a missing one proves nothing free. What lies below the support is free.
     #[must_use]
     pub fn seen(
         &self,
@@ -124,6 +136,9 @@ impl Visibility {
         margin: f64,
         is_barred: impl Fn(&Vector3<f64>) -> bool,
     ) -> Seen {
+        if self.support.is_some_and(|(up, offset)| up.dot(point) + offset < 0.0) {
+            return Seen::Free;
+        }
         let is_grazed_from = |center: &Vector3<f64>| {
             let toward = center - point;
             normal
@@ -170,184 +185,27 @@ fn lost_share(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
     if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
-/// What a depth map holds about one direction.
-#[derive(Debug, Clone, Copy)]
-struct Cell {
-    /// Nearest return \[length\]; infinite where none came.
-    own: f32,
-    /// Nearest return here and in the cells around: at an edge the ray may have passed beside the surface.
-    nearest: f32,
-    /// Whether a return is missing here or in one of them.
-    beside_missing: bool,
-}
-
-/// Nearest range for each cell of a tangent-plane grid about a camera.
-#[derive(Debug, Clone)]
-struct DepthMap {
-    center: Vector3<f64>,
-    camera_from_world: Matrix3<f64>,
-    /// Cells to a slope of one against the middle of the view.
-    cells_per_slope: f64,
-    /// Where the picture begins, from the middle of the view \[cells\].
-    first: [f64; 2],
-    size: [usize; 2],
-    cells: Vec<Cell>,
-}
-
-impl DepthMap {
-    fn new(
-        center: &Vector3<f64>,
-        point_of: impl Fn(usize) -> Vector3<f64> + Sync,
-        indices: &[u32],
-        points_per_cell: f64,
-    ) -> Option<Self> {
-        /// Points in a unit of parallel work.
-        const CHUNK: usize = 4096;
-        let ray = |i: &u32| point_of(*i as usize) - center;
-        let toward = |chunk: &[u32]| -> Vector3<f64> {
-            chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
-        };
-        let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
-        let toward = middle.try_normalize(1e-9)?;
-        let up = Vector3::ith(toward.iamin(), 1.0);
-        let camera_from_world = Rotation3::look_at_lh(&toward, &up);
-        let limit = MAX_OFF_AXIS.tan();
-        let project = |ray: Vector3<f64>| -> Option<([f64; 2], f32)> {
-            let local = camera_from_world * ray;
-            if local.z <= 0.0 {
-                return None;
-            }
-            let uv = [local.x / local.z, local.y / local.z];
-            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
-        };
-        let mut projected: Vec<Vec<([f64; 2], f32)>> = indices
-            .par_chunks(CHUNK)
-            .map(|chunk| chunk.iter().map(ray).filter_map(project).collect())
-            .collect();
-        let mut camera_from_world = camera_from_world;
-        if let Some(roll) = roll_of_strip(projected.iter().flatten().map(|(uv, _)| *uv)) {
-            let turn = Rotation2::new(-roll);
-            projected.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
-            camera_from_world = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
-        }
-        let count: usize = projected.iter().map(Vec::len).sum();
-        let mut lower = [f64::INFINITY; 2];
-        let mut upper = [f64::NEG_INFINITY; 2];
-        for (uv, _) in projected.iter().flatten() {
-            for axis in 0..2 {
-                lower[axis] = lower[axis].min(uv[axis]);
-                upper[axis] = upper[axis].max(uv[axis]);
-            }
-        }
-        let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
-        if count < 16 || extent <= 0.0 {
-            return None;
-        }
-        let cell = (extent / MAX_CELLS as f64).max(extent * (points_per_cell / count as f64).sqrt());
-        let cells_per_slope = 1.0 / cell;
-        let first = lower.map(|x| x * cells_per_slope);
-        let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
-        let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
-        for (uv, range) in projected.into_iter().flatten() {
-            let [column, row] = [0, 1].map(|axis| (uv[axis] * cells_per_slope - first[axis]) as usize);
-            let slot = &mut nearest[row * size[0] + column];
-            *slot = slot.min(range);
-        }
-        let cells = with_neighbors(&nearest, size[0]);
-        Some(Self {
-            center: *center,
-            camera_from_world: camera_from_world.into_inner(),
-            cells_per_slope,
-            first,
-            size,
-            cells,
-        })
+/// What a view says about directions beside its points. Where all that other views measured of the part, and that its
+/// picture would have shown, lies among its points, these were not cut off by anything: it saw nothing beside them. With
+/// neither another view nor a known picture nothing tells.
+fn surroundings(view: &DepthMap, part: &[[Vector3<f64>; 2]], pictures: &[Picture]) -> Surroundings {
+    /// Share of these points that may be strays.
+    const STRAYS: f64 = 0.01;
+    /// Distance of a camera from the place of the view, at most [distance of the part].
+    const NEAR: f64 = 0.02;
+    let others: Vec<&Vector3<f64>> = part.iter().filter(|p| p[1] != view.center).map(|p| &p[0]).collect();
+    let away = |picture: &Picture| (picture.center() - view.center).norm();
+    let nearest = pictures.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+    let range = part.first().map_or(0.0, |[point, _]| (point - view.center).norm());
+    let picture = nearest.filter(|picture| away(picture) <= NEAR * range);
+    let is_shown = |point: &Vector3<f64>| picture.is_none_or(|picture| picture.shows(point));
+    let beside = others.iter().filter(|point| view.is_outside(point) && is_shown(point)).count();
+    if beside as f64 > STRAYS * others.len() as f64 {
+        return Surroundings::Unknown;
     }
-
-    /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
-    /// the sensor lost the return, and nothing is known about any place along the ray.
-    fn hide_lost(&mut self, points: impl Iterator<Item = Vector3<f64>>) {
-        let mut nearest: Vec<f32> = self.cells.iter().map(|cell| cell.own).collect();
-        for point in points {
-            if let Some(index) = self.index(&point)
-                && nearest[index].is_infinite()
-            {
-                nearest[index] = 0.0;
-            }
-        }
-        self.cells = with_neighbors(&nearest, self.size[0]);
+    match picture {
+        Some(picture) => Surroundings::Picture(*picture),
+        None if others.is_empty() => Surroundings::Unknown,
+        None => Surroundings::Near,
     }
-
-    /// Index of the cell that shows a point; `None` out of the picture.
-    #[inline]
-    fn index(&self, point: &Vector3<f64>) -> Option<usize> {
-        let local = self.camera_from_world * (point - self.center);
-        if local.z <= 0.0 {
-            return None;
-        }
-        let scale = self.cells_per_slope / local.z;
-        let column = local.x * scale - self.first[0];
-        let row = local.y * scale - self.first[1];
-        let inside = |x: f64, size: usize| x >= 0.0 && x < size as f64;
-        (inside(column, self.size[0]) && inside(row, self.size[1]))
-            .then(|| row as usize * self.size[0] + column as usize)
-    }
-
-    /// The cell that shows a point; `None` out of the picture.
-    #[inline]
-    fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
-        self.index(point).map(|index| self.cells[index])
-    }
-
-    /// What this camera says about a place, and whether a return is missing there or beside it.
-    #[inline]
-    fn seen(&self, point: &Vector3<f64>, margin: f64) -> (Seen, bool) {
-        let Some(Cell { own, nearest, beside_missing }) = self.at(point) else {
-            return (Seen::Hidden, false);
-        };
-        let farthest = f64::from(nearest) - margin;
-        let is_behind = || farthest > 0.0 && farthest * farthest > (point - self.center).norm_squared();
-        let seen = if nearest.is_infinite() {
-            Seen::Missing
-        } else if own.is_finite() && is_behind() {
-            Seen::Free
-        } else {
-            Seen::Hidden
-        };
-        (seen, beside_missing)
-    }
-}
-
-/// Angle of a picture that is a strip, as one of a sensor that measures line by line is, from the first axis \[rad\]; `None`
-/// for a picture that is wide: only about a strip a box that is askew would be nearly empty.
-fn roll_of_strip(places: impl Iterator<Item = [f64; 2]> + Clone) -> Option<f64> {
-    /// Length of a strip, at least \[widths\].
-    const ELONGATED: f64 = 4.0;
-    let count = places.clone().count() as f64;
-    let middle = places.clone().map(Vector2::from).sum::<Vector2<f64>>() / count;
-    let off = |place: [f64; 2]| Vector2::from(place) - middle;
-    let scatter: Matrix2<f64> = places.map(|place| off(place) * off(place).transpose()).sum();
-    let (half_difference, mixed) = (0.5 * (scatter[(0, 0)] - scatter[(1, 1)]), scatter[(0, 1)]);
-    let (half_trace, root) = (0.5 * scatter.trace(), half_difference.hypot(mixed));
-    let is_strip = half_trace + root > ELONGATED * ELONGATED * (half_trace - root);
-    is_strip.then(|| 0.5 * mixed.atan2(half_difference))
-}
-
-/// Looks around each cell of a map with rows of `width` cells.
-fn with_neighbors(nearest: &[f32], width: usize) -> Vec<Cell> {
-    // Nearest and farthest of three cells in a row, then of three such in a column.
-    let beside = |i: usize| {
-        let row = i / width * width;
-        let around = &nearest[i.saturating_sub(1).max(row)..(i + 2).min(row + width)];
-        around.iter().fold((f32::INFINITY, 0.0_f32), |(near, far), &x| (near.min(x), far.max(x)))
-    };
-    let rows: Vec<(f32, f32)> = (0..nearest.len()).map(beside).collect();
-    let cell = |i: usize| {
-        let above = rows[i.checked_sub(width).unwrap_or(i)];
-        let below = rows.get(i + width).copied().unwrap_or(rows[i]);
-        let near = rows[i].0.min(above.0).min(below.0);
-        let far = rows[i].1.max(above.1).max(below.1);
-        Cell { own: nearest[i], nearest: near, beside_missing: far.is_infinite() }
-    };
-    (0..nearest.len()).map(cell).collect()
 }

@@ -1,0 +1,238 @@
+//! What one camera saw, rebuilt from the points that it measured: the nearest return in every direction.
+
+use nalgebra::{Matrix2, Matrix3, Rotation2, Rotation3, Vector2, Vector3};
+use rayon::prelude::*;
+
+use crate::picture::Picture;
+use crate::symmetry::visibility::Seen;
+
+/// Cells along one side of a depth map, at most.
+const MAX_CELLS: usize = 512;
+
+/// Directions more than this far from the middle of a view \[rad\] are left out of its map.
+const MAX_OFF_AXIS: f64 = 1.2;
+
+/// Cells beside the points that still belong to their edge.
+const EDGE: f64 = 2.0;
+
+/// How far beside its points a camera that was not cut off there is taken to have seen [larger side of what they fill].
+const BEYOND: f64 = 0.5;
+
+/// What a depth map holds about one direction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cell {
+    /// Nearest return \[length\]; infinite where none came.
+    pub(crate) own: f32,
+    /// Nearest return here and in the cells around: at an edge the ray may have passed beside the surface.
+    pub(crate) nearest: f32,
+    /// Whether a return is missing here or in one of them.
+    beside_missing: bool,
+}
+
+/// Where beside its points a camera is known to have seen nothing.
+#[derive(Debug, Clone)]
+pub(crate) enum Surroundings {
+    /// Nowhere: the part may go on there.
+    Unknown,
+    /// As far as can be supposed.
+    Near,
+    /// All over its picture.
+    Picture(Picture),
+}
+
+/// Nearest range for each cell of a tangent-plane grid about a camera.
+#[derive(Debug, Clone)]
+pub(crate) struct DepthMap {
+    pub(crate) center: Vector3<f64>,
+    camera_from_world: Matrix3<f64>,
+    /// Cells to a slope of one against the middle of the view.
+    pub(crate) cells_per_slope: f64,
+    /// Where the picture begins, from the middle of the view \[cells\].
+    first: [f64; 2],
+    size: [usize; 2],
+    cells: Vec<Cell>,
+    /// What is known of directions beside the points.
+    pub(crate) surroundings: Surroundings,
+}
+
+impl DepthMap {
+    pub(crate) fn new(
+        center: &Vector3<f64>,
+        point_of: impl Fn(usize) -> Vector3<f64> + Sync,
+        indices: &[u32],
+        points_per_cell: f64,
+    ) -> Option<Self> {
+        /// Points in a unit of parallel work.
+        const CHUNK: usize = 4096;
+        let ray = |i: &u32| point_of(*i as usize) - center;
+        let toward = |chunk: &[u32]| -> Vector3<f64> {
+            chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
+        };
+        let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
+        let toward = middle.try_normalize(1e-9)?;
+        let up = Vector3::ith(toward.iamin(), 1.0);
+        let camera_from_world = Rotation3::look_at_lh(&toward, &up);
+        let limit = MAX_OFF_AXIS.tan();
+        let project = |ray: Vector3<f64>| -> Option<([f64; 2], f32)> {
+            let local = camera_from_world * ray;
+            if local.z <= 0.0 {
+                return None;
+            }
+            let uv = [local.x / local.z, local.y / local.z];
+            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
+        };
+        let mut projected: Vec<Vec<([f64; 2], f32)>> = indices
+            .par_chunks(CHUNK)
+            .map(|chunk| chunk.iter().map(ray).filter_map(project).collect())
+            .collect();
+        let mut camera_from_world = camera_from_world;
+        if let Some(roll) = roll_of_strip(projected.iter().flatten().map(|(uv, _)| *uv)) {
+            let turn = Rotation2::new(-roll);
+            projected.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
+            camera_from_world = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
+        }
+        let count: usize = projected.iter().map(Vec::len).sum();
+        let mut lower = [f64::INFINITY; 2];
+        let mut upper = [f64::NEG_INFINITY; 2];
+        for (uv, _) in projected.iter().flatten() {
+            for axis in 0..2 {
+                lower[axis] = lower[axis].min(uv[axis]);
+                upper[axis] = upper[axis].max(uv[axis]);
+            }
+        }
+        let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
+        if count < 16 || extent <= 0.0 {
+            return None;
+        }
+        let cell = (extent / MAX_CELLS as f64).max(extent * (points_per_cell / count as f64).sqrt());
+        let cells_per_slope = 1.0 / cell;
+        let first = lower.map(|x| x * cells_per_slope);
+        let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
+        let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
+        for (uv, range) in projected.into_iter().flatten() {
+            let [column, row] = [0, 1].map(|axis| (uv[axis] * cells_per_slope - first[axis]) as usize);
+            let slot = &mut nearest[row * size[0] + column];
+            *slot = slot.min(range);
+        }
+        let cells = with_neighbors(&nearest, size[0]);
+        Some(Self {
+            center: *center,
+            camera_from_world: camera_from_world.into_inner(),
+            cells_per_slope,
+            first,
+            size,
+            cells,
+            surroundings: Surroundings::Unknown,
+        })
+    }
+
+    /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
+    /// the sensor lost the return, and nothing is known about any place along the ray.
+    pub(crate) fn hide_lost(&mut self, points: impl Iterator<Item = Vector3<f64>>) {
+        let mut nearest: Vec<f32> = self.cells.iter().map(|cell| cell.own).collect();
+        for point in points {
+            if let Some(index) = self.index(&point)
+                && nearest[index].is_infinite()
+            {
+                nearest[index] = 0.0;
+            }
+        }
+        self.cells = with_neighbors(&nearest, self.size[0]);
+    }
+
+    /// Column and row of a point, also beside the picture; `None` behind the camera.
+    #[inline]
+    fn place(&self, point: &Vector3<f64>) -> Option<[f64; 2]> {
+        let local = self.camera_from_world * (point - self.center);
+        let scale = self.cells_per_slope / local.z;
+        (local.z > 0.0).then(|| [local.x * scale - self.first[0], local.y * scale - self.first[1]])
+    }
+
+    /// Whether a place lies in the picture, or less than `margin` \[cells\] beside it.
+    #[inline]
+    fn contains(&self, [column, row]: [f64; 2], margin: f64) -> bool {
+        let inside = |x: f64, size: usize| x >= -margin && x < size as f64 + margin;
+        inside(column, self.size[0]) && inside(row, self.size[1])
+    }
+
+    /// Index of the cell that shows a point; `None` out of the picture.
+    #[inline]
+    fn index(&self, point: &Vector3<f64>) -> Option<usize> {
+        let [column, row] = self.place(point).filter(|place| self.contains(*place, 0.0))?;
+        Some(row as usize * self.size[0] + column as usize)
+    }
+
+    /// Whether a point lies in empty surroundings.
+    fn is_beside(&self, point: &Vector3<f64>) -> bool {
+        let reach = BEYOND * self.size[0].max(self.size[1]) as f64;
+        let is_shown = |place| match &self.surroundings {
+            Surroundings::Unknown => false,
+            Surroundings::Near => self.contains(place, reach),
+            Surroundings::Picture(picture) => picture.shows(point),
+        };
+        self.place(point).is_some_and(|place| !self.contains(place, EDGE) && is_shown(place))
+    }
+
+    /// Whether a point lies beside the points that were measured, and not just at their edge.
+    pub(crate) fn is_outside(&self, point: &Vector3<f64>) -> bool {
+        self.place(point).is_none_or(|place| !self.contains(place, EDGE))
+    }
+
+    /// The cell that shows a point; `None` out of the picture.
+    #[inline]
+    pub(crate) fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
+        self.index(point).map(|index| self.cells[index])
+    }
+
+    /// What this camera says about a place, and whether a return is missing there or beside it.
+    #[inline]
+    pub(crate) fn seen(&self, point: &Vector3<f64>, margin: f64) -> (Seen, bool) {
+        let Some(Cell { own, nearest, beside_missing }) = self.at(point) else {
+            return (if self.is_beside(point) { Seen::Missing } else { Seen::Hidden }, true);
+        };
+        let farthest = f64::from(nearest) - margin;
+        let is_behind = || farthest > 0.0 && farthest * farthest > (point - self.center).norm_squared();
+        let seen = if nearest.is_infinite() {
+            Seen::Missing
+        } else if own.is_finite() && is_behind() {
+            Seen::Free
+        } else {
+            Seen::Hidden
+        };
+        (seen, beside_missing)
+    }
+}
+
+/// Angle of a picture that is a strip, as one of a sensor that measures line by line is, from the first axis \[rad\]; `None`
+/// for a picture that is wide: only about a strip a box that is askew would be nearly empty.
+fn roll_of_strip(places: impl Iterator<Item = [f64; 2]> + Clone) -> Option<f64> {
+    /// Length of a strip, at least \[widths\].
+    const ELONGATED: f64 = 4.0;
+    let count = places.clone().count() as f64;
+    let middle = places.clone().map(Vector2::from).sum::<Vector2<f64>>() / count;
+    let off = |place: [f64; 2]| Vector2::from(place) - middle;
+    let scatter: Matrix2<f64> = places.map(|place| off(place) * off(place).transpose()).sum();
+    let (half_difference, mixed) = (0.5 * (scatter[(0, 0)] - scatter[(1, 1)]), scatter[(0, 1)]);
+    let (half_trace, root) = (0.5 * scatter.trace(), half_difference.hypot(mixed));
+    let is_strip = half_trace + root > ELONGATED * ELONGATED * (half_trace - root);
+    is_strip.then(|| 0.5 * mixed.atan2(half_difference))
+}
+
+/// Looks around each cell of a map with rows of `width` cells.
+fn with_neighbors(nearest: &[f32], width: usize) -> Vec<Cell> {
+    // Nearest and farthest of three cells in a row, then of three such in a column.
+    let beside = |i: usize| {
+        let row = i / width * width;
+        let around = &nearest[i.saturating_sub(1).max(row)..(i + 2).min(row + width)];
+        around.iter().fold((f32::INFINITY, 0.0_f32), |(near, far), &x| (near.min(x), far.max(x)))
+    };
+    let rows: Vec<(f32, f32)> = (0..nearest.len()).map(beside).collect();
+    let cell = |i: usize| {
+        let above = rows[i.checked_sub(width).unwrap_or(i)];
+        let below = rows.get(i + width).copied().unwrap_or(rows[i]);
+        let near = rows[i].0.min(above.0).min(below.0);
+        let far = rows[i].1.max(above.1).max(below.1);
+        Cell { own: nearest[i], nearest: near, beside_missing: far.is_infinite() }
+    };
+    (0..nearest.len()).map(cell).collect()
+}
