@@ -8,7 +8,7 @@ use crate::error::{Error, Evidence, Result};
 use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
-use crate::remarks::{Remarks, remarks};
+use crate::remarks::{Remarks, lost_returns, remarks};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
@@ -67,7 +67,7 @@ impl Estimator {
         const CERTAIN: f64 = 0.9;
         let surface = &prepared.surface;
         let declared = self.config().order;
-        let mut refusal = None;
+        let mut refusal: Option<Refusal> = None;
         // Where much is hidden a wrong axis may be as good, but seldom allows the declared order, too.
         let mut best: Option<((bool, f64), Settled)> = None;
         let mut answered: Vec<(&Found, f64)> = Vec::new();
@@ -90,11 +90,9 @@ impl Estimator {
             let detection = self.detect(prepared, &refined.axis);
             let order = if declared == Order::Auto { detection.order } else { Some(declared) };
             let Some(order) = order else {
-                if refusal
-                    .as_ref()
-                    .is_none_or(|(_, best): &(Axis, Detection)| detection.explained > best.explained)
-                {
-                    refusal = Some((refined.axis, detection));
+                if refusal.as_ref().is_none_or(|best| detection.explained > best.explained) {
+                    let score = self.score(prepared, &refined.axis, start).value();
+                    refusal = Some(Refusal { axis: refined.axis, explained: detection.explained, score });
                 }
                 answered.push((candidate, REFUSED));
                 continue;
@@ -102,11 +100,7 @@ impl Estimator {
             if order != start {
                 refined = self.refine(surface, refined.axis, order, control)?;
             }
-            let turns = Turns::half(order, self.config().refine.max_turns);
-            let samples = surface.samples.strided(JUDGED);
-            let gate = self.final_gate(surface);
-            let sight = prepared.sight(&refined.axis);
-            let score = match_score(surface, &samples, &refined.axis, &turns, gate, sight);
+            let score = self.score(prepared, &refined.axis, order);
             let Remarks { warnings, ambiguous, doubted } =
                 remarks(declared, candidate, candidates, &refined.axis, &score, &detection, prepared);
             let trust = prepared.trust(&score);
@@ -124,7 +118,15 @@ impl Estimator {
                 answered.push((candidate, PASSED));
             }
         }
-        best.map(|(_, settled)| settled).ok_or_else(|| no_symmetry(prepared, refusal))
+        best.map(|(_, settled)| settled).ok_or_else(|| self.no_symmetry(prepared, refusal))
+    }
+
+    /// What becomes of the surface under the turns of an order.
+    fn score(&self, prepared: &Prepared, axis: &Axis, order: Order) -> MatchScore {
+        let surface = &prepared.surface;
+        let turns = Turns::half(order, self.config().refine.max_turns);
+        let samples = surface.samples.strided(JUDGED);
+        match_score(surface, &samples, axis, &turns, self.final_gate(surface), prepared.sight(axis))
     }
 
     /// The axis that the caller expects, in the frame of the surface.
@@ -193,24 +195,39 @@ impl Estimator {
         let params = &self.config().refine;
         Gate::new(3.0 * surface.spacing, params.max_normal_angle.cos())
     }
+
+    fn no_symmetry(&self, prepared: &Prepared, refusal: Option<Refusal>) -> Error {
+        let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
+        let mut advice = String::new();
+        if self.config().axis_hint.is_some() {
+            advice += "; axis_hint keeps other directions out of the search";
+        }
+        if !prepared.outward {
+            advice += "; give the viewpoint or the order, which say more";
+        }
+        let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
+        advice.extend(lost.map(|lost| format!("; {lost}")));
+        let evidence = match refusal {
+            Some(Refusal { axis, explained, score }) => Evidence {
+                axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
+                center: world(axis.point),
+                explained,
+                score,
+                reason: format!("about the best axis no rotation maps the part to itself{advice}"),
+            },
+            None => Evidence {
+                center: world(prepared.surface.centroid),
+                reason: format!("no direction within reach could be aligned{advice}"),
+                ..Evidence::default()
+            },
+        };
+        Error::NoSymmetry { evidence }
+    }
 }
 
-fn no_symmetry(prepared: &Prepared, refusal: Option<(Axis, Detection)>) -> Error {
-    let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
-    let hint = if prepared.outward { "" } else { "; give the viewpoint or the order, which say more" };
-    let evidence = match refusal {
-        Some((axis, detection)) => Evidence {
-            axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
-            center: world(axis.point),
-            explained: detection.explained,
-            score: 0.0,
-            reason: format!("about the best axis no rotation maps the part to itself{hint}"),
-        },
-        None => Evidence {
-            center: world(prepared.surface.centroid),
-            reason: "no direction within reach could be aligned".to_owned(),
-            ..Evidence::default()
-        },
-    };
-    Error::NoSymmetry { evidence }
+/// The best axis about which no order holds.
+struct Refusal {
+    axis: Axis,
+    explained: f64,
+    score: f64,
 }

@@ -182,7 +182,7 @@ impl PointCloud {
         }
     }
 
-    /// Number of finite points.
+    /// Number of points that are used: all but those [dropped](PointCloud::dropped) and those too [far](PointCloud::far) away.
     #[must_use]
     pub fn len(&self) -> usize {
         self.points.len()

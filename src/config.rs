@@ -3,15 +3,11 @@
 use serde::de::{Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::error::{Error, Result};
 use crate::preprocess::{GroundParams, NormalParams, SmoothingParams, StatisticalParams};
 use crate::symmetry::detect::DetectParams;
-use crate::symmetry::order::{MAX_ORDER, Order};
+use crate::symmetry::order::Order;
 use crate::symmetry::propose::ProposeParams;
 use crate::symmetry::refine::RefineParams;
-
-/// Threads of one estimate, at most: to start many thousands takes longer than the work, and nothing can stop it.
-const MAX_THREADS: usize = 1024;
 
 /// What to do with points that have a NaN or infinite coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -78,7 +74,7 @@ pub enum Origin {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Yaw {
-    /// Phase of the n-th angular harmonic, taken per band of radius and height.
+    /// Phase of the n-th angular harmonic of the outline, or of the area where the outline has none.
     #[default]
     Harmonic,
     /// Extreme of the angular histogram of the completed cloud: the paper's.
@@ -95,7 +91,7 @@ pub enum Yaw {
 pub struct OutlierParams {
     /// Radius of the radius filter \[voxels\].
     pub radius: f64,
-    /// Neighbours that a point must have within that radius \[count\]; less than `k`.
+    /// Neighbours that a point must have within that radius \[count\]; less than `k`, and 0 for no such filter.
     pub min_neighbors: usize,
     /// Neighbours of the statistical filter, the point itself included \[count\].
     pub k: usize,
@@ -154,9 +150,6 @@ impl Default for TrackingParams {
         Self { coarsening: 2.0, points: 100_000 }
     }
 }
-
-/// Starting directions of a search, at most: half a degree apart.
-const MAX_DIRECTIONS: usize = 10_000;
 
 /// Every setting of an estimate. Lengths left `None` are found from the spacing of the points and the size of the part.
 ///
@@ -271,104 +264,6 @@ impl Config {
             ..Self::default()
         }
     }
-
-    /// Checks every setting.
-    ///
-    /// # Errors
-    /// [`Error::InvalidParameter`] naming the first setting outside its domain.
-    pub fn validate(&self) -> Result<()> {
-        self.order.validate()?;
-        for (name, seed) in [("seed", self.seed), ("plane.seed", self.plane.seed)] {
-            // TOML has no larger number, and a configuration must survive a file.
-            if i64::try_from(seed).is_err() {
-                return Err(Error::InvalidParameter { name, value: seed.to_string(), expected: SEEDS });
-            }
-        }
-        if let Some(size) = self.voxel_size {
-            positive("voxel_size", size)?;
-        }
-        let OutlierParams { scattered, off_surface, .. } = self.outliers;
-        let limits = [
-            ("outliers.scattered", scattered),
-            ("outliers.off_surface", off_surface),
-            ("smoothing.max_angle", self.smoothing.max_angle),
-        ];
-        for (name, limit) in limits {
-            limit.map_or(Ok(()), |limit| positive(name, limit))?;
-        }
-        for (name, value) in [
-            ("plane.rough_distance", self.plane.rough_distance),
-            ("plane.band", self.plane.band),
-            ("outliers.radius", self.outliers.radius),
-            ("outliers.cluster_distance", self.outliers.cluster_distance),
-            ("smoothing.ray_noise", self.smoothing.ray_noise),
-            ("smoothing.max_tilt", self.smoothing.max_tilt),
-            ("propose.gate", self.propose.gate),
-            ("refine.gate", self.refine.gate),
-            ("refine.max_normal_angle", self.refine.max_normal_angle),
-            ("refine.huber_width", self.refine.huber_width),
-            ("refine.tolerance", self.refine.tolerance),
-        ] {
-            positive(name, value)?;
-        }
-        if !(1..=MAX_DIRECTIONS).contains(&self.propose.directions) {
-            return Err(Error::InvalidParameter {
-                name: "propose.directions",
-                value: self.propose.directions.to_string(),
-                expected: "1 to 10,000 directions",
-            });
-        }
-        if !(2..=MAX_ORDER).contains(&self.detect.max_order) {
-            return Err(Error::InvalidParameter {
-                name: "detect.max_order",
-                value: self.detect.max_order.to_string(),
-                expected: "an order from 2 to 360",
-            });
-        }
-        let zero = |name, expected| Err(Error::InvalidParameter { name, value: "0".into(), expected });
-        if let Some(threads) = self.threads
-            && !(1..=MAX_THREADS).contains(&threads)
-        {
-            return Err(Error::InvalidParameter {
-                name: "threads",
-                value: threads.to_string(),
-                expected: "1 to 1,024 threads, or none for all cores",
-            });
-        }
-        if self.refine.samples == 0 {
-            return zero("refine.samples", "at least 1 point");
-        }
-        if self.tracking.points == 0 {
-            return zero("tracking.points", "at least 1 point");
-        }
-        let coarsening = self.tracking.coarsening;
-        if !(1.0..f64::INFINITY).contains(&coarsening) {
-            return Err(Error::InvalidParameter {
-                name: "tracking.coarsening",
-                value: coarsening.to_string(),
-                expected: "a finite factor of at least 1",
-            });
-        }
-        if let Some([lower, upper]) = self.roi
-            && !(0..3).all(|axis| lower[axis] < upper[axis] && (upper[axis] - lower[axis]).is_finite())
-        {
-            return Err(Error::InvalidParameter {
-                name: "roi",
-                value: format!("{lower:?} .. {upper:?}"),
-                expected: "finite corners, the lower one below the upper one in every coordinate",
-            });
-        }
-        if let Some(hint) = self.axis_hint
-            && !hint.iter().map(|x| x * x).sum::<f64>().sqrt().is_normal()
-        {
-            return Err(Error::InvalidParameter {
-                name: "axis_hint",
-                value: format!("{hint:?}"),
-                expected: "a finite direction other than zero",
-            });
-        }
-        Ok(())
-    }
 }
 
 /// A limit that may be off: a number, or `"off"`, which TOML can say, or null, which it cannot.
@@ -393,7 +288,7 @@ pub(crate) fn limit_or_off<'de, D: Deserializer<'de>>(
     })
 }
 
-const SEEDS: &str = "a whole number from 0 to 9,223,372,036,854,775,807 (2^63 - 1)";
+pub(crate) const SEEDS: &str = "a whole number from 0 to 9,223,372,036,854,775,807 (2^63 - 1)";
 
 /// A seed; what is none is answered with the range.
 pub(crate) fn seed<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<u64, D::Error> {
@@ -414,12 +309,4 @@ pub(crate) fn seed<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::R
         }
     }
     deserializer.deserialize_u64(Seed)
-}
-
-pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
-    if value.is_finite() && value > 0.0 {
-        Ok(())
-    } else {
-        Err(Error::InvalidParameter { name, value: value.to_string(), expected: "a positive, finite number" })
-    }
 }

@@ -114,7 +114,11 @@ impl Estimator {
             return run();
         }
         // A worker of another pool that waits for this one would begin the next cloud meanwhile, and in that the next.
-        std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| resume_unwind(panic))
+        std::thread::scope(|scope| {
+            let started = std::thread::Builder::new().spawn_scoped(scope, run);
+            let worker = started.map_err(|e| Error::ThreadPool { threads: 1, reason: e.to_string() })?;
+            worker.join().unwrap_or_else(|panic| resume_unwind(panic))
+        })
     }
 
     fn run(&self, cloud: &PointCloud, request: &Request) -> Result<Estimate> {
@@ -137,7 +141,7 @@ impl Estimator {
             },
             normals: surface.samples.normals.clone(),
         };
-        let Framed { axis, mut completion, mut posed } =
+        let Framed { axis, mut completion, histogram, mut posed } =
             self.frame(&prepared, &settled, &refined, request, &mut stages)?;
         let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
         note_evidence(&prepared, &found, &score, &detection, &mut stages);
@@ -158,9 +162,12 @@ impl Estimator {
             posed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
         }
         let Posed { local_from_object, covariance, unobservable } = posed;
+        let is_free = unobservable.contains(&FreeDirection::Tilt);
+        warnings.extend(is_free.then(|| NO_AXIS.to_owned()));
         // The frame of a reference may be the other way up.
         let z = local_from_object * Vector3::z_axis();
         let is_reversed = z.dot(&axis.direction) < 0.0;
+        note_heading(&axis, &local_from_object, histogram, is_reversed, &mut stages);
         completion = if is_reversed { completion.reversed(order) } else { completion };
         let upright = Axis { direction: if is_reversed { -axis.direction } else { axis.direction }, ..axis };
         let match_curve = self.match_curve(&prepared, &upright);
@@ -169,7 +176,7 @@ impl Estimator {
         Ok(Estimate {
             world_from_object: prepared.world_from_local * local_from_object,
             order,
-            score: prepared.trust(&score) * if ambiguous { AMBIGUOUS } else { 1.0 },
+            score: prepared.trust(&score) * if ambiguous || is_free { AMBIGUOUS } else { 1.0 },
             explained: detection.explained,
             covariance,
             unobservable,
@@ -219,8 +226,6 @@ impl Estimator {
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.flag(ORIENTED, prepared.outward);
         stages.number("coverage", completion.coverage);
-        stages.number("yaw_angle", heading.angle);
-        stages.series("yaw_histogram", &heading.histogram);
 
         let preferred = preferred(request, prepared);
         let (local_from_object, angle) = place(&axis, origin.value, heading.angle, *order, preferred);
@@ -231,7 +236,8 @@ impl Estimator {
         let sandwich = if is_turned_over { found.sandwich.reversed() } else { found.sandwich };
         let (covariance, unobservable) =
             pose_covariance(&sandwich, &pace, radius, angle, origin.value, along);
-        Ok(Framed { axis, completion, posed: Posed { local_from_object, covariance, unobservable } })
+        let posed = Posed { local_from_object, covariance, unobservable };
+        Ok(Framed { axis, completion, histogram: heading.histogram, posed })
     }
 
     /// What the caller should know about the cloud, whatever was found in it.
@@ -263,6 +269,25 @@ impl Estimator {
     }
 }
 
+/// Puts the angle of +x from the first tangent of the axis into the diagnostics, and the histogram in which it was sought, both
+/// about +z, which points against the axis where it `is_reversed`.
+fn note_heading(
+    axis: &Axis,
+    local_from_object: &Isometry3<f64>,
+    mut histogram: Vec<f64>,
+    is_reversed: bool,
+    stages: &mut Stages,
+) {
+    let x = local_from_object * Vector3::x();
+    let [first, second] = axis.tangents();
+    let angle = x.dot(&second).atan2(x.dot(&first));
+    if is_reversed {
+        histogram.reverse();
+    }
+    stages.number("yaw_angle", if is_reversed { -angle } else { angle });
+    stages.series("yaw_histogram", &histogram);
+}
+
 /// Puts what speaks for the axis and its order into the diagnostics.
 fn note_evidence(
     prepared: &Prepared,
@@ -287,16 +312,22 @@ fn note_evidence(
 const NO_GROUND: &str =
     "ground = \"on\", but no plane has what is near it on one side and touching it; none was removed";
 
+/// Where the surface fits itself about any axis near the one that was found.
+const NO_AXIS: &str = "ambiguous: the surface leaves the axis free, as a ball does";
+
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;
 
-/// What is left of the score when another axis explains the data about as well: the answer is one of two.
-const AMBIGUOUS: f64 = 0.5;
+/// What is left of the score when another axis explains the data about as well: the answer is one of two. A little less than half,
+/// so that not even a perfect match reaches the 0.5 of a pose to act on.
+const AMBIGUOUS: f64 = 0.499;
 
 /// The axis the right way up, the completed surface, and the pose.
 struct Framed {
     axis: Axis,
     completion: Completion,
+    /// Of the completed surface by its angle from the first tangent of the axis.
+    histogram: Vec<f64>,
     posed: Posed,
 }
 

@@ -37,8 +37,8 @@
 //! - Points are `[f64; 3]`, indices `u32` into the points as they were given, also where some were dropped.
 //! - A cloud is shifted to a local origin before any arithmetic: georeferenced coordinates lose nothing.
 //! - The same input, configuration and seed give the same bytes at any number of threads.
-//! - Nothing panics, prints, exits or configures the global thread pool. Whatever is wrong comes back as an [`Error`]
-//!   with the value that was found.
+//! - Nothing prints, exits or configures the global thread pool, and no input makes an [`Estimator`], a filter or a reader panic:
+//!   whatever is wrong comes back as an [`Error`] with the value that was found. Rows that belong together must be as many.
 //!
 //! # Parts
 //!
@@ -79,6 +79,7 @@ pub mod schema;
 pub mod spatial;
 mod stages;
 pub mod symmetry;
+mod validate;
 mod viewpoints;
 pub use cloud::PointCloud;
 pub use config::Config;

@@ -138,7 +138,7 @@ fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
 }
 
 /// Says so when the sensor loses so much that gaps in the part are hard to tell from gaps in the scan.
-fn lost_returns(dropout: f64) -> Option<String> {
+pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
     /// Returns lost for each that comes.
     const MANY: f64 = 0.05;
     (dropout > MANY).then(|| {

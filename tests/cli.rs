@@ -79,8 +79,8 @@ fn bad_usage_is_refused() {
     refused(&["estimate", HUB, "--viewpoint", "1", "2", "three"], "three");
     refused(&["estimate", HUB, "--ground", "maybe"], "expected one of `auto`, `on`, `off`");
     refused(&["estimate", HUB, "--residual", "plane"], "`point_to_plane`");
-    refused(&["estimate", HUB, "--timeout", "-1"], "zero or more");
-    refused(&["estimate", HUB, "--timeout", "nan"], "zero or more");
+    refused(&["estimate", HUB, "--timeout", "0"], "positive number of seconds");
+    refused(&["estimate", HUB, "--timeout", "nan"], "positive number of seconds");
     refused(&["estimate", HUB, "--voxel-size", "-0.5"], "voxel_size = -0.5");
     refused(&["estimate", HUB, "--threads", "0"], "threads = 0");
     refused(&["estimate", HUB, "--roi", "1", "1", "1", "0", "2", "2"], "finite corners, the lower one below");
@@ -217,7 +217,7 @@ fn a_deadline_is_kept() {
     // Negative numbers are numbers, also with an exponent.
     let hints =
         ["--viewpoint", "-1e-3", "0", "-500", "--axis-hint", "-1", "-.5", "-2E-1", "--order", "continuous"];
-    let deadline = ["estimate", HUB, "--timeout", "0", "--json", "-"];
+    let deadline = ["estimate", HUB, "--timeout", "0.001", "--json", "-"];
     let (code, out, err) = sympose(&[&deadline[..], &hints].concat());
     assert_eq!(code, 1, "{err}");
     assert!(err.contains("deadline"), "{err}");

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rayon::prelude::*;
+use serde_json::Value;
 use sympose::config::TrackingParams;
 use sympose::metrics::{adds, mssd};
 use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use sympose::result::Diagnostic;
+use sympose::result::{Diagnostic, FreeDirection};
 use sympose::{
     CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Reference, Request,
 };
@@ -242,10 +243,13 @@ fn a_pose_near_the_last_one_is_only_refined() {
         truth.translation,
         UnitQuaternion::from_euler_angles(1.5, 0.3, 0.0) * truth.rotation,
     );
-    for initial in [near, lost] {
+    for (initial, is_lost) in [(near, false), (lost, true)] {
         let request = Request { initial: Some(initial), ..Request::default() };
         let found = estimator.estimate_with(&cloud, &request).unwrap();
         assert!(axis_error_deg(&found, &truth) < 0.1);
+        // A search has several candidates, an initial pose is the only one.
+        assert_eq!(found.candidates.len() > 1, is_lost, "{:?}", found.candidates);
+        assert_eq!(found.diagnostics.contains_key("tracking"), is_lost);
     }
 }
 
@@ -366,7 +370,10 @@ fn a_sphere_has_no_axis_to_act_on() {
         })
         .collect();
     match estimate(sphere, Config { order: Order::Continuous, ..Config::default() }) {
-        Ok(found) => assert!(!found.unobservable.is_empty(), "{:?} {}", found.unobservable, found.score),
+        Ok(found) => {
+            assert!(found.score < 0.5, "{}", found.score);
+            assert!(found.unobservable.contains(&FreeDirection::Tilt), "{:?}", found.unobservable);
+        }
         Err(error) => assert!(matches!(error, Error::NoSymmetry { .. })),
     }
 }
@@ -387,4 +394,56 @@ fn work_stops_when_asked() {
     let control = Control::new().with_timeout(Duration::from_millis(1));
     let late = estimator.estimate_with(&cloud, &Request { control, ..Request::default() });
     assert!(matches!(late, Err(Error::DeadlineExceeded { .. })));
+}
+
+#[test]
+fn no_number_of_a_configuration_may_be_negative() {
+    fn numbers(value: &Value, path: &str, found: &mut Vec<String>) {
+        match value {
+            Value::Object(fields) => {
+                fields.iter().for_each(|(name, field)| numbers(field, &format!("{path}/{name}"), found));
+            }
+            Value::Array(items) => {
+                items.iter().enumerate().for_each(|(i, item)| numbers(item, &format!("{path}/{i}"), found));
+            }
+            Value::Number(_) => found.push(path.to_owned()),
+            _ => {}
+        }
+    }
+    let mut config = Config { threads: Some(1), voxel_size: Some(1.0), ..Config::default() };
+    config.normals.max_radius = Some(1.0);
+    let whole = serde_json::to_value(config).unwrap();
+    let mut paths = Vec::new();
+    numbers(&whole, "", &mut paths);
+    assert!(paths.len() > 55, "{}", paths.len());
+    for path in paths {
+        let mut changed = whole.clone();
+        *changed.pointer_mut(&path).unwrap() = Value::from(-1);
+        // Counts are refused where they are read.
+        let Ok(config) = serde_json::from_value::<Config>(changed) else { continue };
+        let setting = path[1..].replace('/', ".");
+        match config.validate() {
+            Err(Error::InvalidParameter { name, .. }) => assert_eq!(name, setting),
+            other => panic!("{setting} = -1: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn limits_that_leave_nothing_are_refused_by_their_name() {
+    let refused = |change: fn(&mut Config)| {
+        let mut config = Config::default();
+        change(&mut config);
+        match config.validate() {
+            Err(Error::InvalidParameter { name, .. }) => name,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(refused(|c| c.outliers.min_neighbors = c.outliers.k), "outliers.min_neighbors");
+    assert_eq!(refused(|c| c.outliers.cluster_ratio = 5.0), "outliers.cluster_ratio");
+    assert_eq!(refused(|c| c.detect.samples = 0), "detect.samples");
+    assert_eq!(refused(|c| c.detect.explained = f64::NAN), "detect.explained");
+    assert_eq!(refused(|c| c.propose.kept = [12, 0, 3]), "propose.kept");
+    assert_eq!(refused(|c| c.normals.k = 1), "normals.k");
+    assert_eq!(refused(|c| c.threads = Some(0)), "threads");
 }

@@ -51,7 +51,7 @@ fn table(random: &mut Random) -> Vec<[f64; 3]> {
 }
 
 fn found(points: &[[f64; 3]], eye: Option<[f64; 3]>, mode: GroundMode) -> Option<Ground> {
-    find_ground(points, |_| eye, &GroundParams::default(), mode).unwrap()
+    find_ground(points, |_| eye, &GroundParams::default(), mode, 0).unwrap()
 }
 
 #[test]
@@ -115,5 +115,5 @@ fn what_holds_no_plane_has_no_ground() {
     for points in none {
         assert_eq!(found(points, None, GroundMode::Auto), None);
     }
-    assert!(find_ground(&[[f64::NAN; 3]], |_| None, &GroundParams::default(), GroundMode::Auto).is_err());
+    assert!(find_ground(&[[f64::NAN; 3]], |_| None, &GroundParams::default(), GroundMode::Auto, 0).is_err());
 }

@@ -25,7 +25,7 @@ from sympose.errors import (
 
 __all__ = ["main"]
 
-_NO_POSE = (CancelledError, DeadlineExceededError, InsufficientDataError, NoSymmetryError)
+_NO_POSE = (DeadlineExceededError, InsufficientDataError, NoSymmetryError)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         finally:
             # Not left to the end of the process, where nothing could be done about a closed pipe.
             sys.stdout.flush()
-    except KeyboardInterrupt:
+    except (CancelledError, KeyboardInterrupt):
         sys.stderr.write("sympose: cancelled\n")
         return 130
     except _NO_POSE as error:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from sympose.datasets import Part, Scan
     from sympose.evaluation.metrics import PoseErrors
 
-__all__ = ["MAX_AXIS_DEG", "Demo", "add_arguments", "demo", "main", "run_demo"]
+__all__ = ["MAX_AXIS_DEG", "Demo", "add_arguments", "demo", "run_demo"]
 
 MAX_AXIS_DEG = 1.0
 
@@ -105,13 +104,6 @@ def run_demo(
     log.write("done")
     files = tuple(folder / file for file in ("scan.ply", "estimate.json", "completed.ply", "estimate.png"))
     return Demo(one, found, errors, files)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the demonstration as a command; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="sympose demo", description=__doc__.splitlines()[0])
-    add_arguments(parser)
-    return demo(parser.parse_args(argv))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

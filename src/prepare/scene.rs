@@ -281,6 +281,13 @@ pub(super) fn enough(stage: &'static str, got: usize) -> Result<()> {
     if got >= MIN_POINTS {
         return Ok(());
     }
-    let hint = "scan the part more densely, choose a smaller voxel, or loosen the filter of this stage";
+    let hint = match stage {
+        "input" => "scan the part more densely, or widen the region of interest",
+        "ground" => {
+            "nearly all lies in the plane that was taken for the support; set ground to \"off\" if it is of the part"
+        }
+        "downsample" => "choose a smaller voxel, or leave voxel_size open",
+        _ => "scan the part more densely, or loosen the limits of `outliers`",
+    };
     Err(Error::InsufficientData { stage, needed: MIN_POINTS, got, hint })
 }

@@ -3,7 +3,7 @@
 use super::scene::{Scene, enough};
 use crate::config::{ClusterMode, Config};
 use crate::error::Result;
-use crate::preprocess::{Ground, GroundParams, find_ground};
+use crate::preprocess::{Ground, find_ground};
 use crate::stages::Stages;
 
 /// How far around a region of interest its support is looked for [extents of the region].
@@ -37,8 +37,9 @@ pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages
 
 /// The plane that the part stands on; its `kept` and `removed` are of the points of `scene`.
 fn find_support(scene: &Scene, config: &Config) -> Result<Option<Ground>> {
-    let params = GroundParams { seed: config.seed, ..config.plane.clone() };
-    let find = |scene: &Scene| find_ground(&scene.points, |i| scene.viewpoint(i), &params, config.ground);
+    let find = |scene: &Scene| {
+        find_ground(&scene.points, |i| scene.viewpoint(i), &config.plane, config.ground, config.seed)
+    };
     let within = find(scene)?;
     let Some(roi) = config.roi.filter(|_| within.is_none()) else { return Ok(within) };
     // A box about the part leaves so little of its support that this looks like a face of the part.

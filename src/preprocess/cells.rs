@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::CHUNK;
 use super::grid::{Grid, members};
-use crate::config::positive;
 use crate::error::Result;
+use crate::validate::positive;
 
 /// How much longer the edge of a cell is made than the radius that it must cover: rounding cannot put two points that
 /// are within the radius two cells apart.

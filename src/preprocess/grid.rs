@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rayon::prelude::*;
 
 use super::{CHUNK, finite_bounds};
-use crate::config::positive;
 use crate::error::{Error, Result};
+use crate::validate::positive;
 
 /// Bits of a cell index along one axis: three of them fit a 64-bit key.
 const AXIS_BITS: u32 = 21;

@@ -30,9 +30,6 @@ pub struct GroundParams {
     pub outline: f64,
     /// Planes that are looked at, one after the other \[count\].
     pub max_planes: usize,
-    /// Seed of the samples.
-    #[serde(deserialize_with = "crate::config::seed")]
-    pub seed: u64,
 }
 
 impl Default for GroundParams {
@@ -45,7 +42,6 @@ impl Default for GroundParams {
             free_directions: 0.7,
             outline: 0.06,
             max_planes: 3,
-            seed: 0,
         }
     }
 }
@@ -86,7 +82,7 @@ const NEAR: f64 = 0.3;
 /// A support is seen from above only, has nothing below it, is filled nearly to its outline, reaches beyond what stands
 /// on it, and its outline has nothing to do with the symmetry of the part: it is cut off by the picture or an edge.
 ///
-/// `viewpoint_of` gives for a point the position it was seen from, where known.
+/// `viewpoint_of` gives for a point the position it was seen from, where known; `seed` is that of the samples.
 ///
 /// # Errors
 /// [`Error::NonFinite`](crate::Error::NonFinite). A cloud too small or too degenerate to hold a plane has no ground.
@@ -95,18 +91,21 @@ pub fn find_ground(
     viewpoint_of: impl Fn(usize) -> Option<[f64; 3]> + Sync,
     params: &GroundParams,
     mode: GroundMode,
+    seed: u64,
 ) -> Result<Option<Ground>> {
     check_finite(points)?;
     if mode == GroundMode::Off {
         return Ok(None);
     }
-    let chosen = even_sample(points.len(), LOOKED_AT, params.seed);
+    let chosen = even_sample(points.len(), LOOKED_AT, seed);
     let sample: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i]).collect();
     let sensors: Vec<Option<[f64; 3]>> = chosen.iter().map(|&i| viewpoint_of(i)).collect();
     let scene = Scene { points: &sample, sensors: &sensors };
     let mut remaining = sample.clone();
     for round in 0..params.max_planes {
-        let Some((plane, band)) = dominant_plane(&remaining, params, round) else { break };
+        let Some((plane, band)) = dominant_plane(&remaining, params, seed.wrapping_add(round as u64)) else {
+            break;
+        };
         let before = remaining.len();
         remaining.retain(|p| plane.distance(p).abs() > band);
         if before - remaining.len() < sample.len() / 20 {
@@ -275,13 +274,9 @@ fn is_face(outline: &Outline, things: &[Flat], seen: bool, params: &GroundParams
 const FINER: f64 = 0.25;
 
 /// The plane with the most points, and the half width of its band of noise.
-fn dominant_plane(points: &[[f64; 3]], params: &GroundParams, round: usize) -> Option<(HalfSpace, f64)> {
+fn dominant_plane(points: &[[f64; 3]], params: &GroundParams, seed: u64) -> Option<(HalfSpace, f64)> {
     let rough = params.rough_distance * extent(points);
-    let settings = PlaneParams {
-        distance: rough,
-        seed: params.seed.wrapping_add(round as u64),
-        ..PlaneParams::default()
-    };
+    let settings = PlaneParams { distance: rough, seed, ..PlaneParams::default() };
     let [x, y, z, d] = segment_plane(points, &settings).ok()?.coefficients;
     let plane = HalfSpace { normal: Vector3::new(x, y, z), d };
     // A table and a thin part on it fit one rough plane; a finer one takes the larger of both.

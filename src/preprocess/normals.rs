@@ -8,9 +8,9 @@ use super::eigen::smallest_eigenvector;
 use super::moments::Moments;
 use super::neighbors::map_neighbors;
 use super::{CHUNK, KNeighbors};
-use crate::config::positive;
 use crate::error::{Error, Result};
 use crate::spatial::KdTree;
+use crate::validate::positive;
 
 /// Settings of [`estimate_normals`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

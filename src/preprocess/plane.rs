@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::eigen::smallest_eigenvector;
 use super::moments::Moments;
 use super::{CHUNK, check_finite};
-use crate::config::positive;
 use crate::error::{Error, Result};
+use crate::validate::positive;
 
 /// Hypotheses between two looks at the stopping rule; fixed, so that it does not depend on the number of threads.
 const BATCH: usize = 64;

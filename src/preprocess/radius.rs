@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::cells::CellList;
 use super::{CHUNK, check_finite};
-use crate::config::positive;
 use crate::error::Result;
 use crate::spatial::KdTree;
+use crate::validate::positive;
 
 /// Settings of [`remove_radius_outliers`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

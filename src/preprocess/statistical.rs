@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::neighbors::map_neighbors;
 use super::selection::Found;
 use super::{CHUNK, KNeighbors, at_least_one, check_finite};
-use crate::config::positive;
 use crate::error::{Error, Result};
 use crate::spatial::KdTree;
+use crate::validate::positive;
 
 /// Settings of [`remove_statistical_outliers`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -91,13 +91,20 @@ impl Reference {
             .collect();
         let oriented = estimate.diagnostics.get(ORIENTED) == Some(&Diagnostic::Flag(true));
         let mut cell = median_spacing(&KdTree::new(&estimate.points)?, &estimate.points);
+        let refused = |reason: String| Error::InvalidParameter {
+            name: "estimate",
+            value: format!("{found} points: {reason}"),
+            expected: "the surface of a part, to be taught",
+        };
+        if !(cell > 0.0) {
+            return Err(refused("most of them coincide".to_owned()));
+        }
         loop {
             let (points, normals) = averaged(&folded, cell, oriented);
             let order = estimate.order;
             let sector = Sector { schema_version: SCHEMA_VERSION, order, oriented, cell, points, normals };
             if sector.copies().sum::<usize>() <= MAX_POINTS {
-                return Self::new(sector)
-                    .map_err(|_| Error::Degenerate { shape: "too few or too far apart for a reference" });
+                return Self::new(sector).map_err(refused);
             }
             cell *= 1.15;
         }

@@ -1,10 +1,11 @@
 //! The self-alignment problem: rotated points against the measured surface, for fixed correspondences.
 
-use nalgebra::{Const, DimMin, Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
+use nalgebra::{Const, DimMin, Matrix3, Matrix3x4, Matrix4, SMatrix, SVector, Vector3, Vector4};
 use rayon::prelude::*;
 
 use crate::config::Residual;
 use crate::error::Result;
+use crate::median::median;
 use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::order::Turns;
 use crate::symmetry::robust::Huber;
@@ -131,6 +132,13 @@ impl Term<'_> {
         let moment = self.direction.cross(&(self.leverage.turn.rotation * self.arm));
         Vector4::new(u.dot(&moment), v.dot(&moment), -u.dot(&self.direction), -v.dot(&self.direction))
     }
+
+    /// How the rotated point moves with the four parameters, whatever the direction.
+    fn motion(&self) -> Matrix3x4<f64> {
+        let [u, v] = &self.leverage.lever;
+        let arm = self.leverage.turn.rotation * self.arm;
+        Matrix3x4::from_columns(&[arm.cross(u), arm.cross(v), -u, -v])
+    }
 }
 
 /// What the uncertainty of the axis is made of, by tilt about its two tangents and shift along them.
@@ -140,6 +148,8 @@ pub struct Sandwich {
     pub hessian: Matrix4<f64>,
     /// Sum over patches of the outer product of J'Wr.
     pub scatter: Matrix4<f64>,
+    /// What J'WJ would be if the surface left the axis free and only the noise of the normals held it, as on a ball.
+    pub noise: Matrix4<f64>,
 }
 
 impl Sandwich {
@@ -147,8 +157,23 @@ impl Sandwich {
     #[must_use]
     pub fn reversed(&self) -> Self {
         let turned = Matrix4::from_diagonal(&[-1.0, 1.0, -1.0, 1.0].into());
-        Self { hessian: turned * self.hessian * turned, scatter: turned * self.scatter * turned }
+        let Self { hessian, scatter, noise } = self;
+        let [hessian, scatter, noise] = [hessian, scatter, noise].map(|matrix| turned * matrix * turned);
+        Self { hessian, scatter, noise }
     }
+}
+
+/// What one patch of the surface adds to a [`Sandwich`].
+#[derive(Default)]
+struct Patch {
+    hessian: Matrix4<f64>,
+    /// What J'WJ gains for each unit of variance of the normals, in each of the two directions across them.
+    aside: Matrix4<f64>,
+    /// Weighted sum of the variances of the normals, and of the weights.
+    turned: f64,
+    weight: f64,
+    /// J'Wr of this patch, and of those that its matches lie in.
+    gradients: Vec<Vector4<f64>>,
 }
 
 /// Normal equations of one point that may move in `D` directions: axis block, point block, and their coupling.
@@ -313,31 +338,41 @@ impl SelfAlignment<'_> {
         let patch_of_match = |j: usize| j * count / self.surface.len() / size;
         let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
         let leverages = self.leverages(axis);
-        let parts: Vec<(Matrix4<f64>, Vec<Vector4<f64>>)> = (0..count.div_ceil(size))
+        let parts: Vec<Patch> = (0..count.div_ceil(size))
             .into_par_iter()
             .map(|patch| {
-                let mut hessian = Matrix4::zeros();
-                let mut gradients = vec![Vector4::zeros(); PATCHES];
+                let mut sums = Patch { gradients: vec![Vector4::zeros(); PATCHES], ..Patch::default() };
                 for i in patch * size..((patch + 1) * size).min(count) {
                     self.visit(&unknowns, &leverages, i, |term, j| {
                         let jacobian = term.jacobian();
-                        hessian += jacobian * (jacobian * term.weight).transpose();
+                        let curvature = jacobian * (jacobian * term.weight).transpose();
+                        let motion = term.motion();
+                        sums.hessian += curvature;
+                        sums.aside += motion.tr_mul(&motion) * term.weight - curvature;
+                        // The direction halves the angle between the normals, and has half the variance of each.
+                        let cosine = term.direction.dot(&self.surface.samples.normals[j]);
+                        sums.turned += 0.5 * (1.0 - cosine * cosine) * term.weight;
+                        sums.weight += term.weight;
                         let gradient = jacobian * (term.weight * term.residual);
-                        gradients[patch] += gradient;
-                        gradients[patch_of_match(j)] += gradient;
+                        sums.gradients[patch] += gradient;
+                        sums.gradients[patch_of_match(j)] += gradient;
                     });
                 }
-                (hessian, gradients)
+                sums
             })
             .collect();
-        let mut hessian = Matrix4::zeros();
         let mut gradients = vec![Vector4::zeros(); PATCHES];
-        for (part, rows) in parts {
-            hessian += part;
-            gradients.iter_mut().zip(rows).for_each(|(sum, row)| *sum += row);
+        for patch in &parts {
+            gradients.iter_mut().zip(&patch.gradients).for_each(|(sum, row)| *sum += row);
         }
-        let scatter = gradients.iter().map(|g| g * g.transpose()).sum::<Matrix4<f64>>();
-        Sandwich { hessian, scatter }
+        // Creases are in few of the patches.
+        let noisy = parts.iter().filter(|patch| patch.weight > 0.0);
+        let variance = median(&mut noisy.map(|patch| patch.turned / patch.weight).collect::<Vec<f64>>());
+        Sandwich {
+            hessian: parts.iter().map(|patch| patch.hessian).sum(),
+            scatter: gradients.iter().map(|g| g * g.transpose()).sum(),
+            noise: parts.iter().map(|patch| patch.aside).sum::<Matrix4<f64>>() * variance.unwrap_or(0.0),
+        }
     }
 
     /// The normal of a point, along which it moves where distances are measured to planes.

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Unit, UnitVector3, Vector3, Vector4};
 /// A line in space: where the rotations of a symmetry take place.
 ///
 /// Rotation about the line and sliding along it change nothing, so a step has four parameters: two tilt the direction
-/// and two shift the point, all in the plane normal to the axis (METHOD of the project, section 4).
+/// and two shift the point, all in the plane normal to the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
     /// Unit direction.

@@ -149,6 +149,8 @@ pub fn find_heading(folded: &Folded, order: Order, rule: Yaw) -> Heading {
         Yaw::Histogram => histogram_peak(&histogram, n),
     };
     let sector = TAU / f64::from(n);
+    // A direction chosen at random is off by this much.
+    let sigma = if sigma < sector / f64::sqrt(12.0) { sigma } else { f64::INFINITY };
     let turns = ((toward_bulk - in_sector) / sector).round();
     Heading { angle: in_sector + turns * sector, sigma, histogram }
 }

@@ -75,12 +75,6 @@ impl MatchScore {
         share(self.matched as f64, self.contradicted as f64 + MISSING * self.missing as f64)
     }
 
-    /// Share of the rotated points that met the surface, whatever became of the others.
-    #[must_use]
-    pub fn overlap(&self) -> f64 {
-        share(self.matched as f64, (self.contradicted + self.missing + self.hidden) as f64)
-    }
-
     /// Matched, contradicted, missing and hidden points.
     #[must_use]
     pub fn counts(&self) -> [f64; 4] {

@@ -130,8 +130,8 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     let several = context.visibility.is_some_and(|v| v.views() > 1);
     let params = ProposeParams {
         max_turns: context.propose.max_turns.min(if several { SEVERAL_VIEWS_TURNS } else { usize::MAX }),
-        samples: [120, 250, 600],
-        kept: [12, 5, ASKED],
+        samples: least(context.propose.samples, [120, 250, 600]),
+        kept: least(context.propose.kept, [12, 5, ASKED]),
         ..context.propose.clone()
     };
     let context = SearchContext { propose: &params, ..*context };
@@ -168,6 +168,11 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
         rank(b).cmp(&rank(a)).then(b.proposal.score.value().total_cmp(&a.proposal.score.value()))
     });
     Ok(found)
+}
+
+/// The smaller of two numbers, three times.
+fn least(given: [usize; 3], enough: [usize; 3]) -> [usize; 3] {
+    std::array::from_fn(|i| given[i].min(enough[i]))
 }
 
 /// Asks axes for their orders, but those that are known already; each comes with the order that it was proposed under.

@@ -1,4 +1,4 @@
-//! The measured surface that a symmetry is matched against: points, normals and a tree, all in one frame.
+//! The measured surface that a symmetry is matched against: points, normals and a table of the nearest point, all in one frame.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
