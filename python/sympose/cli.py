@@ -11,7 +11,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from sympose import _core
 from sympose.errors import (
@@ -22,6 +22,10 @@ from sympose.errors import (
     NoSymmetryError,
     SymposeError,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 __all__ = ["main"]
 
@@ -105,9 +109,20 @@ def _segment(arguments: Sequence[str]) -> int:
         raise InsufficientDataError("no point is foreground; nothing written")
     normals = None if scene.normals is None else scene.normals[mask]
     colors = None if scene.colors is None else scene.colors[mask]
-    write(options.out, scene.points[mask], normals=normals, colors=colors)
+    viewpoints = _storable(options.out, None if scene.viewpoints is None else scene.viewpoints[mask])
+    write(options.out, scene.points[mask], normals=normals, colors=colors, viewpoints=viewpoints)
     sys.stdout.write(f"{mask.sum()} of {len(mask)} points are foreground\n")
     return 0
+
+
+def _storable(path: str, viewpoints: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """The viewpoints where the file can hold them; says so where it cannot."""
+    from sympose.io.files import holds_viewpoints
+
+    if viewpoints is None or holds_viewpoints(path, viewpoints):
+        return viewpoints
+    sys.stderr.write(f"sympose: {path} cannot hold the viewpoints of the points; NPZ can\n")
+    return None
 
 
 def _dataset(arguments: Sequence[str]) -> int:
@@ -130,7 +145,7 @@ def _dataset(arguments: Sequence[str]) -> int:
     one = scan(
         part(options.part), options.scenario, views=options.views, sigma=options.sigma, seed=options.seed
     )
-    write(options.out, one.scene.points)
+    write(options.out, one.scene.points, viewpoints=_storable(options.out, one.scene.viewpoints))
     truth = {
         "world_from_object": one.world_from_object.tolist(),
         "order": one.order,

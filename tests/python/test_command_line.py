@@ -94,11 +94,11 @@ def test_help_knows_the_commands_of_both_languages(command: str, capfd: pytest.C
 def test_a_closed_pipe_is_no_error(tmp_path: Path, arguments: list[str]) -> None:
     reader, writer = os.pipe()
     os.close(reader)
-    command = [sys.executable, "-m", "sympose", *(word.format(out=tmp_path / "a.xyz") for word in arguments)]
+    command = [sys.executable, "-m", "sympose", *(word.format(out=tmp_path / "a.npz") for word in arguments)]
     with os.fdopen(writer, "w") as closed:
         result = subprocess.run(command, stdout=closed, stderr=subprocess.PIPE, text=True, check=False)
     assert (result.returncode, result.stderr) == (0, "")
-    assert (tmp_path / "a.xyz").exists() == ("{out}" in arguments)
+    assert (tmp_path / "a.npz").exists() == ("{out}" in arguments)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
@@ -118,6 +118,16 @@ def test_dataset_writes_a_scan_and_its_truth(tmp_path: Path, capfd: pytest.Captu
     assert capfd.readouterr().out.endswith("points of propeller_3, order 3\n")
     assert np.load(scan).shape[1] == 3
     assert json.loads(truth.read_text())["order"] == 3
+
+
+def test_dataset_keeps_the_viewpoints_or_says_that_it_cannot(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["dataset", "propeller_3", str(tmp_path / "scan.npz"), "--views", "2"]) == 0
+    assert capfd.readouterr().err == ""
+    assert len(np.unique(sympose.read(tmp_path / "scan.npz").viewpoints, axis=0)) == 2
+    assert main(["dataset", "propeller_3", str(tmp_path / "scan.xyz"), "--views", "2"]) == 0
+    assert "cannot hold the viewpoints" in capfd.readouterr().err
 
 
 def test_segment_needs_views(scan: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -309,6 +309,17 @@ def test_npz_with_viewpoints(tmp_path):
     np.testing.assert_array_equal(read(tmp_path / "cloud.npz").viewpoints, [[1.0, 2.0, 3.0]] * 20)
 
 
+def test_viewpoints_are_written_where_the_format_holds_them(tmp_path):
+    one, each = np.array([1.0, 2.0, 3.0]), np.linspace([1.0, 2.0, 3.0], [2.0, 2.0, 3.0], 20)
+    write(tmp_path / "cloud.npz", POINTS, viewpoints=each)
+    np.testing.assert_array_equal(read(tmp_path / "cloud.npz").viewpoints, each)
+    write(tmp_path / "cloud.pcd", POINTS, viewpoints=one)
+    np.testing.assert_array_equal(read(tmp_path / "cloud.pcd").viewpoints, [one] * 20)
+    for name, viewpoints in (("cloud.pcd", each), ("cloud.ply", one), ("cloud.xyz", one)):
+        with pytest.raises(InvalidInputError, match="NPZ"):
+            write(tmp_path / name, POINTS, viewpoints=viewpoints)
+
+
 @pytest.mark.parametrize("key", ["depth", "depth_m"])
 def test_npz_with_a_depth_image(tmp_path, key):
     depth = np.full((4, 5), 2000, dtype=np.uint16)

@@ -273,3 +273,36 @@ def test_sectors_and_angles_follow_the_frame_of_the_reference() -> None:
         )
         assert np.quantile(measured.query(turned)[0], 0.99) < 1.5 * found.diagnostics["voxel_size"]
     np.testing.assert_allclose(found.match_curve[1:, 1], own.match_curve[:0:-1, 1], atol=1e-9)
+
+
+def test_points_that_coincide_are_nothing_to_teach() -> None:
+    stored = json.loads(estimated(scanned("can", 1, 1)).to_json())
+    stored["points"] = [[1.0, 2.0, 3.0]] * len(stored["points"])
+    with pytest.raises(InvalidInputError, match="coincide"):
+        Estimate.from_json(json.dumps(stored)).as_reference()
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_the_histogram_of_the_yaw_turns_with_the_taught_frame(flip: bool) -> None:
+    one = scanned("propeller_3", 5, 1)
+    found = estimated(one, order=3)
+    turned = found.pose.copy()
+    turned[:3, :3] = (
+        turned[:3, :3] @ Rotation.from_euler("ZX", [20.0, 180.0 if flip else 0.0], True).as_matrix()
+    )
+    stored = json.loads(found.to_json())
+    stored["pose"] = turned.tolist()
+    stored["quaternion"] = Rotation.from_matrix(turned[:3, :3]).as_quat().tolist()
+    again = estimated(one, reference=Estimate.from_json(json.dumps(stored)).as_reference())
+    assert np.degrees(np.arccos(np.clip(again.axis @ turned[:3, 2], -1.0, 1.0))) < 0.1
+
+    def from_x(estimate: Estimate) -> NDArray[np.float64]:
+        """The histogram from +x on, about +z, in steps of a degree."""
+        bins = np.asarray(estimate.diagnostics["yaw_histogram"])
+        degrees = np.degrees(float(estimate.diagnostics["yaw_angle"])) + np.arange(360.0) + 0.5
+        return bins[np.floor(degrees / 360.0 * len(bins)).astype(int) % len(bins)]
+
+    before, after = from_x(found), from_x(again)
+    expected = np.roll(before, -20)[::-1] if flip else np.roll(before, -20)
+    assert np.corrcoef(expected, after)[0, 1] > 0.95
+    assert np.corrcoef(before, after)[0, 1] < 0.9

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sympose.errors import InvalidInputError, SymposeError
 from sympose.io.colmap import read_colmap
@@ -56,8 +56,7 @@ def read(path: str | os.PathLike[str]) -> Scene:
     - XYZ, TXT, CSV: see `sympose.io.table`.
     - NPY: (N, 3) points, or (N, 6) with normals or colours.
     - NPZ: keys `points`, and optionally `normals`, `colors`, `viewpoints`; or `depth` (or `depth_m`) with
-    `K`, and
-      optionally `rgb`, `world_from_camera`, `depth_scale`: a depth image as in `Scene.from_depth`.
+      `K`, and optionally `rgb`, `world_from_camera`, `depth_scale`: a depth image as in `Scene.from_depth`.
     - COLMAP: see `read_colmap`.
 
     Args:
@@ -102,6 +101,7 @@ def write(
     *,
     normals: ArrayLike | None = None,
     colors: ArrayLike | None = None,
+    viewpoints: ArrayLike | None = None,
 ) -> None:
     """Write a point cloud; the suffix says in which format.
 
@@ -114,6 +114,8 @@ def write(
         points: (N, 3).
         normals: (N, 3).
         colors: (N, 3) integers from 0 to 255 or floats from 0 to 1.
+        viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. NPZ holds them; PCD holds
+            one for all points.
 
     Raises:
         InvalidInputError: An unknown suffix, no points, or arrays that do not fit together.
@@ -123,10 +125,21 @@ def write(
     writer = _WRITERS.get(file.suffix.lower())
     if writer is None:
         raise InvalidInputError(f"{file}: cannot write {file.suffix!r}, only {', '.join(_WRITERS)}")
-    scene = Scene(points, colors, normals)
+    scene = Scene(points, colors, normals, viewpoints)
     if len(scene) == 0:
         raise InvalidInputError(f"{file}: there are no points to write")
+    if scene.viewpoints is not None and not holds_viewpoints(file, scene.viewpoints):
+        raise InvalidInputError(
+            f"{file}: only NPZ holds a viewpoint for each point, and PCD one for all; write NPZ, or leave "
+            "viewpoints out"
+        )
     writer(file, scene, np.asarray(points).dtype == np.float32)
+
+
+def holds_viewpoints(path: str | os.PathLike[str], viewpoints: NDArray[np.float64]) -> bool:
+    """Whether a file of this suffix can say where the sensor stood."""
+    suffix = Path(path).suffix.lower()
+    return suffix == ".npz" or (suffix == ".pcd" and bool((viewpoints == viewpoints[0]).all()))
 
 
 def _kind(file: Path) -> str:

@@ -64,12 +64,14 @@ def write_npy(path: Path, scene: Scene, single: bool) -> None:
 
 
 def write_npz(path: Path, scene: Scene, single: bool) -> None:
-    """Write the keys points, normals, colors."""
+    """Write the keys points, normals, colors, viewpoints."""
     arrays: dict[str, NDArray[Any]] = {"points": scene.points.astype(_real(single))}
     if scene.normals is not None:
         arrays["normals"] = scene.normals.astype(_real(single))
     if scene.colors is not None:
         arrays["colors"] = scene.colors
+    if scene.viewpoints is not None:
+        arrays["viewpoints"] = scene.viewpoints
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
 

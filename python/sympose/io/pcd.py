@@ -65,6 +65,8 @@ def write_pcd(path: Path, scene: Scene, single: bool) -> None:
         columns.append(PointCloud.encode_rgb(scene.colors).reshape(-1))
         fields.append("rgb")
     cloud = PointCloud.from_points(columns, fields, [column.dtype for column in columns])
+    if scene.viewpoints is not None:
+        cloud.metadata.viewpoint = (*scene.viewpoints[0].tolist(), 1.0, 0.0, 0.0, 0.0)
     cloud.save(str(path), Encoding.BINARY)
 
 
