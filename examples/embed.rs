@@ -28,7 +28,7 @@ fn serve(estimator: &Estimator, job: &Job) -> Result<Estimate, Error> {
 
 fn answer(scan: &str, outcome: Result<Estimate, Error>) -> String {
     match outcome {
-        Ok(estimate) if estimate.score >= 0.5 => {
+        Ok(estimate) if estimate.is_trustworthy() => {
             let center = estimate.world_from_object.translation.vector;
             format!("{scan}: order {}, centre {:.3?}", estimate.order, center.as_slice())
         }

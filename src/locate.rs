@@ -8,6 +8,7 @@ use crate::config::TrackingParams;
 use crate::error::{Error, Result};
 use crate::estimate::Estimator;
 use crate::prepare::{Prepared, prepare};
+use crate::result::Estimate;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
@@ -16,7 +17,7 @@ use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
 
 /// Score below which a pose counts as lost, and the search goes on.
-pub(crate) const TRACKED: f64 = 0.5;
+pub(crate) const TRACKED: f64 = Estimate::TRUSTWORTHY;
 
 /// Score below which a pose tracked on fewer points is refined on all of them: thin walls may have come to rest on one
 /// another.

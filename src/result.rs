@@ -41,7 +41,7 @@ pub struct Estimate {
     pub world_from_object: Isometry3<f64>,
     /// Order of the symmetry: never `Auto`.
     pub order: Order,
-    /// Calibrated trust in [0, 1]; 0.5 and above is a pose to act on.
+    /// Calibrated trust in [0, 1]; from [`Estimate::TRUSTWORTHY`] on it is a pose to act on.
     pub score: f64,
     /// Share of the observed surface that the symmetry explains, in [0, 1].
     pub explained: f64,
@@ -78,6 +78,15 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// Score from which on a pose can be acted on: those below are wrong, or one of several that the data allows, far more often.
+    pub const TRUSTWORTHY: f64 = 0.5;
+
+    /// Whether the score reaches [`Estimate::TRUSTWORTHY`].
+    #[must_use]
+    pub fn is_trustworthy(&self) -> bool {
+        self.score >= Self::TRUSTWORTHY
+    }
+
     /// Turns about +z of the object that leave the part as it looks, the identity first: as many as its order, or `steps` (at
     /// least one) of a continuous symmetry.
     pub fn symmetries(&self, steps: u32) -> impl ExactSizeIterator<Item = UnitQuaternion<f64>> + use<> {

@@ -102,7 +102,7 @@ class Config(Settings):
 
     @classmethod
     def paper(cls) -> Self:
-        """The method of Dai et al. (arXiv 2606.16593) as written."""
+        """The method of Dai et al. (arXiv 2606.16593), on what this package takes for the part."""
         return cls(**json.loads(_core.paper_config()))
 
     @classmethod

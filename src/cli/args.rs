@@ -81,7 +81,7 @@ pub(super) struct EstimateArgs {
     /// Optimise the axis alone, not the points with it.
     #[arg(long)]
     no_joint: bool,
-    /// The method of Dai et al. as written.
+    /// The method of Dai et al.: plane fit and centroid, point-to-point, yaw from the histogram.
     #[arg(long, conflicts_with = "config")]
     paper: bool,
     /// Seed of everything random.

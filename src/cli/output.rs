@@ -9,9 +9,6 @@ use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::schema::SCHEMA_VERSION;
 
-/// A score from which a pose can be acted on.
-pub(super) const TRUSTWORTHY: f64 = 0.5;
-
 /// What `sympose info` says about a file.
 #[derive(Debug, Serialize)]
 pub(super) struct Info {

@@ -8,7 +8,7 @@ use clap::Parser;
 use serde::Serialize;
 
 use super::args::{Cli, Command, EstimateArgs, FilterArgs, InfoArgs, PlaneArgs};
-use super::output::{self, Info, PlaneReport, TRUSTWORTHY};
+use super::output::{self, Info, PlaneReport};
 use super::progress;
 use crate::control::{CancelToken, Control};
 use crate::error::{Error, Result};
@@ -148,13 +148,14 @@ fn report(args: &EstimateArgs, estimate: &Estimate, streams: &mut Streams) -> Re
     if let Some(path) = &args.completed {
         io::write(path, &Scan { points: estimate.completed.clone(), ..Scan::default() })?;
     }
-    if estimate.score >= TRUSTWORTHY {
+    if estimate.is_trustworthy() {
         return Ok(DONE);
     }
     if !args.quiet {
         streams.remark(&format!(
-            "sympose: the score {:.2} is below {TRUSTWORTHY}: do not act on this pose\n",
-            estimate.score
+            "sympose: the score {:.2} is below {}: do not act on this pose\n",
+            estimate.score,
+            Estimate::TRUSTWORTHY
         ));
     }
     Ok(NO_POSE)

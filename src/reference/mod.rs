@@ -96,7 +96,7 @@ impl Reference {
             value: format!("{found} points: {reason}"),
             expected: "the surface of a part, to be taught",
         };
-        if !(cell > 0.0) {
+        if cell <= 0.0 {
             return Err(refused("most of them coincide".to_owned()));
         }
         loop {

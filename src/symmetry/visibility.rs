@@ -96,9 +96,9 @@ impl Visibility {
         let part: Vec<[Vector3<f64>; 2]> =
             own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
         let (mut dropout, mut shows_details) = (0.0, true);
-        if lost_share(&views, &part) >= NO_LOSS {
+        if loss_ratio(&views, &part) >= NO_LOSS {
             views = maps(LOSSY_POINTS_PER_CELL);
-            let lost = lost_share(&views, &part);
+            let lost = loss_ratio(&views, &part);
             (dropout, shows_details) = (if lost > EDGES { lost } else { 0.0 }, false);
         }
         views.par_iter_mut().for_each(|view| {
@@ -166,7 +166,7 @@ impl Visibility {
 /// from, and all other views.
 ///
 /// Views from nearly the same place are strips of one: what is missing in one of them is in the next.
-fn lost_share(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
+fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
     let (mut missing, mut came) = (0.0, 0.0);
     for ([point, place], view) in part.iter().flat_map(|p| views.iter().map(move |v| (p, v))) {
         let range = (point - view.center).norm();
