@@ -189,8 +189,8 @@ fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
 /// picture would have shown, lies among its points, these were not cut off by anything: it saw nothing beside them. With
 /// neither another view nor a known picture nothing tells.
 fn surroundings(view: &DepthMap, part: &[[Vector3<f64>; 2]], pictures: &[Picture]) -> Surroundings {
-    /// Share of these points that may be strays.
-    const STRAYS: f64 = 0.01;
+    /// Share of these points that may be strays: a rim that a view lost at its edge is more.
+    const STRAYS: f64 = 0.0005;
     /// Distance of a camera from the place of the view, at most [distance of the part].
     const NEAR: f64 = 0.02;
     let others: Vec<&Vector3<f64>> = part.iter().filter(|p| p[1] != view.center).map(|p| &p[0]).collect();
