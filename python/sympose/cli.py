@@ -87,7 +87,9 @@ def _segment(arguments: Sequence[str]) -> int:
     parser.add_argument("--plot", metavar="IMAGE", help="draw the depths of the views and the cuts")
     options = parser.parse_args(arguments)
 
-    from sympose.io import read, write
+    from sympose.io import read
+    from sympose.io.files import write_scene
+    from sympose.scene import Scene
     from sympose.segmentation import segment
 
     scene = read(options.scene)
@@ -110,7 +112,7 @@ def _segment(arguments: Sequence[str]) -> int:
     normals = None if scene.normals is None else scene.normals[mask]
     colors = None if scene.colors is None else scene.colors[mask]
     viewpoints = _storable(options.out, None if scene.viewpoints is None else scene.viewpoints[mask])
-    write(options.out, scene.points[mask], normals=normals, colors=colors, viewpoints=viewpoints)
+    write_scene(options.out, Scene(scene.points[mask], colors, normals, viewpoints))
     sys.stdout.write(f"{mask.sum()} of {len(mask)} points are foreground\n")
     return 0
 
@@ -140,12 +142,14 @@ def _dataset(arguments: Sequence[str]) -> int:
     parser.add_argument("--seed", type=int, default=1, help="(default: 1)")
     options = parser.parse_args(arguments)
 
-    from sympose.io import write
+    from sympose.io.files import write_scene
+    from sympose.scene import Scene
 
     one = scan(
         part(options.part), options.scenario, views=options.views, sigma=options.sigma, seed=options.seed
     )
-    write(options.out, one.scene.points, viewpoints=_storable(options.out, one.scene.viewpoints))
+    viewpoints = _storable(options.out, one.scene.viewpoints)
+    write_scene(options.out, Scene(one.scene.points, viewpoints=viewpoints))
     truth = {
         "world_from_object": one.world_from_object.tolist(),
         "order": one.order,

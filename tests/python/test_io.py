@@ -10,6 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from sympose.errors import InvalidInputError
 from sympose.io import read, write
+from sympose.io.files import write_scene
+from sympose.scene import Scene
 
 SUFFIXES = ["ply", "pcd", "xyz", "txt", "csv", "npy", "npz"]
 RNG = np.random.default_rng(0)
@@ -311,13 +313,13 @@ def test_npz_with_viewpoints(tmp_path):
 
 def test_viewpoints_are_written_where_the_format_holds_them(tmp_path):
     one, each = np.array([1.0, 2.0, 3.0]), np.linspace([1.0, 2.0, 3.0], [2.0, 2.0, 3.0], 20)
-    write(tmp_path / "cloud.npz", POINTS, viewpoints=each)
+    write_scene(tmp_path / "cloud.npz", Scene(POINTS, viewpoints=each))
     np.testing.assert_array_equal(read(tmp_path / "cloud.npz").viewpoints, each)
-    write(tmp_path / "cloud.pcd", POINTS, viewpoints=one)
+    write_scene(tmp_path / "cloud.pcd", Scene(POINTS, viewpoints=one))
     np.testing.assert_array_equal(read(tmp_path / "cloud.pcd").viewpoints, [one] * 20)
     for name, viewpoints in (("cloud.pcd", each), ("cloud.ply", one), ("cloud.xyz", one)):
         with pytest.raises(InvalidInputError, match="NPZ"):
-            write(tmp_path / name, POINTS, viewpoints=viewpoints)
+            write_scene(tmp_path / name, Scene(POINTS, viewpoints=viewpoints))
 
 
 @pytest.mark.parametrize("key", ["depth", "depth_m"])

@@ -101,7 +101,6 @@ def write(
     *,
     normals: ArrayLike | None = None,
     colors: ArrayLike | None = None,
-    viewpoints: ArrayLike | None = None,
 ) -> None:
     """Write a point cloud; the suffix says in which format.
 
@@ -114,18 +113,30 @@ def write(
         points: (N, 3).
         normals: (N, 3).
         colors: (N, 3) integers from 0 to 255 or floats from 0 to 1.
-        viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. NPZ holds them; PCD holds
-            one for all points.
 
     Raises:
         InvalidInputError: An unknown suffix, no points, or arrays that do not fit together.
+        ImportError: The package that writes the format is missing.
+    """
+    write_scene(path, Scene(points, colors, normals), single=np.asarray(points).dtype == np.float32)
+
+
+def write_scene(path: str | os.PathLike[str], scene: Scene, *, single: bool = False) -> None:
+    """Write a scene as `write` does, with its viewpoints: NPZ holds them, PCD holds one for all points.
+
+    Args:
+        path: An existing file is replaced.
+        scene: What is written, but for its views.
+        single: Write float32.
+
+    Raises:
+        InvalidInputError: An unknown suffix, no points, or something that the format does not hold.
         ImportError: The package that writes the format is missing.
     """
     file = Path(path)
     writer = _WRITERS.get(file.suffix.lower())
     if writer is None:
         raise InvalidInputError(f"{file}: cannot write {file.suffix!r}, only {', '.join(_WRITERS)}")
-    scene = Scene(points, colors, normals, viewpoints)
     if len(scene) == 0:
         raise InvalidInputError(f"{file}: there are no points to write")
     if scene.viewpoints is not None and not holds_viewpoints(file, scene.viewpoints):
@@ -133,7 +144,7 @@ def write(
             f"{file}: only NPZ holds a viewpoint for each point, and PCD one for all; write NPZ, or leave "
             "viewpoints out"
         )
-    writer(file, scene, np.asarray(points).dtype == np.float32)
+    writer(file, scene, single)
 
 
 def holds_viewpoints(path: str | os.PathLike[str], viewpoints: NDArray[np.float64]) -> bool:
