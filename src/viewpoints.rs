@@ -36,7 +36,7 @@ impl Viewpoints {
 }
 
 /// Distance within which places count as one [distance to the part].
-const NEAR: f64 = 0.02;
+pub(crate) const NEAR: f64 = 0.02;
 
 /// Groups that a place is compared with, at most.
 const COMPARED: usize = 256;

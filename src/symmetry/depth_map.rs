@@ -36,7 +36,7 @@ pub(crate) enum Surroundings {
     Unknown,
     /// As far as can be supposed.
     Near,
-    /// All over its picture.
+    /// All over its field of view.
     Picture(Picture),
 }
 
@@ -47,7 +47,7 @@ pub(crate) struct DepthMap {
     camera_from_world: Matrix3<f64>,
     /// Cells to a slope of one against the middle of the view.
     pub(crate) cells_per_slope: f64,
-    /// Where the picture begins, from the middle of the view \[cells\].
+    /// Where the map begins, from the middle of the view \[cells\].
     first: [f64; 2],
     size: [usize; 2],
     cells: Vec<Cell>,
@@ -140,7 +140,7 @@ impl DepthMap {
         self.cells = with_neighbors(&nearest, self.size[0]);
     }
 
-    /// Column and row of a point, also beside the picture; `None` behind the camera.
+    /// Column and row of a point, also beside the map; `None` behind the camera.
     #[inline]
     fn place(&self, point: &Vector3<f64>) -> Option<[f64; 2]> {
         let local = self.camera_from_world * (point - self.center);
@@ -148,14 +148,14 @@ impl DepthMap {
         (local.z > 0.0).then(|| [local.x * scale - self.first[0], local.y * scale - self.first[1]])
     }
 
-    /// Whether a place lies in the picture, or less than `margin` \[cells\] beside it.
+    /// Whether a place lies in the map, or less than `margin` \[cells\] beside it.
     #[inline]
     fn contains(&self, [column, row]: [f64; 2], margin: f64) -> bool {
         let inside = |x: f64, size: usize| x >= -margin && x < size as f64 + margin;
         inside(column, self.size[0]) && inside(row, self.size[1])
     }
 
-    /// Index of the cell that shows a point; `None` out of the picture.
+    /// Index of the cell that shows a point; `None` out of the map.
     #[inline]
     fn index(&self, point: &Vector3<f64>) -> Option<usize> {
         let [column, row] = self.place(point).filter(|place| self.contains(*place, 0.0))?;
@@ -178,7 +178,7 @@ impl DepthMap {
         self.place(point).is_none_or(|place| !self.contains(place, EDGE))
     }
 
-    /// The cell that shows a point; `None` out of the picture.
+    /// The cell that shows a point; `None` out of the map.
     #[inline]
     pub(crate) fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
         self.index(point).map(|index| self.cells[index])

@@ -1,12 +1,14 @@
 //! Free space: what the cameras saw to be empty.
 //!
-//! A ray proves that space is free only up to the point that it measured; a direction without a return proves nothing.
+//! A ray proves that space is free up to the point that it measured, and the support that it is below. A direction without a
+//! return, among the points of a view or beside them, proves nothing, but makes empty space likely.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::picture::Picture;
 use crate::symmetry::depth_map::{DepthMap, Surroundings};
+use crate::viewpoints::NEAR;
 
 /// Views beyond this number add little evidence and cost time; the ones with most points are kept.
 const MAX_VIEWS: usize = 16;
@@ -191,8 +193,6 @@ fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
 fn surroundings(view: &DepthMap, part: &[[Vector3<f64>; 2]], pictures: &[Picture]) -> Surroundings {
     /// Share of these points that may be strays: a rim that a view lost at its edge is more.
     const STRAYS: f64 = 0.0005;
-    /// Distance of a camera from the place of the view, at most [distance of the part].
-    const NEAR: f64 = 0.02;
     let others: Vec<&Vector3<f64>> = part.iter().filter(|p| p[1] != view.center).map(|p| &p[0]).collect();
     let away = |picture: &Picture| (picture.center() - view.center).norm();
     let nearest = pictures.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
