@@ -87,3 +87,17 @@ def test_where_the_whole_picture_is_known_an_axis_that_leads_out_of_the_part_is_
     # A gear from the side: half turns about other axes bring its rim to where no return came from.
     scanned = scan(datasets.part("gear_12"), "edge", views=1, seed=1)
     assert degrees_off(sympose.estimate(scanned.scene, views=()), scanned) < 0.1
+
+
+def test_a_refusal_says_how_well_the_best_axis_matches() -> None:
+    # A hat with one hole beside its axis: round but for that.
+    scanned = scan(
+        drilled(cylinder(0.4, 0.5, 0.0) - cylinder(1.0, 0.2, 0.1).translate([0.25, 0.0, 0.0]), 0, 0.0),
+        "sphere",
+        seed=1,
+    )
+    with pytest.raises(sympose.NoSymmetryError) as refusal:
+        sympose.estimate(scanned.scene)
+    evidence = refusal.value.evidence
+    assert 0.1 < evidence["score"] < 1.0
+    assert 0.1 < evidence["explained"] < 1.0
