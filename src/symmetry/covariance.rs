@@ -58,57 +58,9 @@ pub fn pose_covariance(
     height: f64,
     along: AlongAxis,
 ) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
-    let mut free = Vec::new();
-    let scale = Matrix4::from_diagonal(&[1.0 / radius, 1.0 / radius, 1.0, 1.0].into());
-    let scaled = scale * sandwich.hessian * scale;
-    let scatter = scale * sandwich.scatter * scale;
-    let noise = scale * sandwich.noise * scale;
-    let largest = scaled.diagonal().max();
-    let mut axis_covariance = Matrix4::zeros();
-    if let Some(eigen) = SymmetricEigen::try_new(scaled, f64::EPSILON, 100).filter(|_| largest > 0.0) {
-        let beside_noise: SVector<f64, 4> = SVector::from_fn(|i, _| {
-            let vector = eigen.eigenvectors.column(i);
-            eigen.eigenvalues[i] / vector.dot(&(noise * vector)).max(f64::MIN_POSITIVE)
-        });
-        // A ball leaves two directions free; a single weak one is only weak.
-        let is_ball = beside_noise.iter().filter(|ratio| **ratio < ABOVE_NOISE).count() > 1;
-        let mut free_parameter = [false; 4];
-        let mut inverse = Matrix4::zeros();
-        for ((value, vector), ratio) in
-            eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).zip(&beside_noise)
-        {
-            if *value > RANK_TOLERANCE * largest && !(is_ball && *ratio < ABOVE_NOISE) {
-                inverse += vector * vector.transpose() / *value;
-            } else {
-                for i in 0..4 {
-                    free_parameter[i] |= vector[i].abs() > 0.1;
-                }
-            }
-        }
-        let lever = Matrix4::from_diagonal(&[radius, radius, 1.0, 1.0].into());
-        let step = bounded_inverse(&(lever * pace * scale)) * inverse;
-        axis_covariance = INFLATION * scale * step * scatter * step.transpose() * scale;
-        if free_parameter[0] || free_parameter[1] {
-            free.push(FreeDirection::Tilt);
-        }
-        if free_parameter[2] || free_parameter[3] {
-            free.push(FreeDirection::Shift);
-        }
-    } else {
-        free.extend([FreeDirection::Tilt, FreeDirection::Shift]);
-    }
-
-    // Tilting the axis about its point moves the origin, which lies `height` above: t += omega x (height z).
-    let (sin, cos) = heading.sin_cos();
-    let mut embed = SMatrix::<f64, 6, 4>::zeros();
-    for (row, column, value) in [(0, 0, cos), (0, 1, sin), (1, 0, -sin), (1, 1, cos)] {
-        embed[(row, column)] = value;
-        embed[(row + 3, column + 2)] = value;
-        // x moves by +height * omega_y, y by -height * omega_x.
-        let (moved, sign) = if row == 1 { (3, 1.0) } else { (4, -1.0) };
-        embed[(moved, column)] += sign * height * value;
-    }
-    let mut covariance = embed * axis_covariance * embed.transpose();
+    let (of_axis, mut free) = axis_covariance(sandwich, pace, radius);
+    let embed = frame_from_axis(heading, height);
+    let mut covariance = embed * of_axis * embed.transpose();
     covariance[(2, 2)] = along.yaw * along.yaw;
     covariance[(5, 5)] = along.slide * along.slide;
     if along.yaw.is_infinite() {
@@ -129,4 +81,57 @@ pub fn pose_covariance(
     // Symmetric to the last bit.
     let mean = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
     (std::array::from_fn(|i| std::array::from_fn(|j| mean(i, j))), free)
+}
+
+/// The covariance of tilt \[rad\] and shift \[length\] of the axis along its tangents, with its free directions.
+fn axis_covariance(
+    sandwich: &Sandwich,
+    pace: &Matrix4<f64>,
+    radius: f64,
+) -> (Matrix4<f64>, Vec<FreeDirection>) {
+    // Tilt as the shift that it is at the radius.
+    let scale = Matrix4::from_diagonal(&[1.0 / radius, 1.0 / radius, 1.0, 1.0].into());
+    let lever = Matrix4::from_diagonal(&[radius, radius, 1.0, 1.0].into());
+    let [hessian, scatter, noise] =
+        [&sandwich.hessian, &sandwich.scatter, &sandwich.noise].map(|form| scale * form * scale);
+    let largest = hessian.diagonal().max();
+    let eigen = SymmetricEigen::try_new(hessian, f64::EPSILON, 100).filter(|_| largest > 0.0);
+    let Some(SymmetricEigen { eigenvalues, eigenvectors }) = eigen else {
+        return (Matrix4::zeros(), vec![FreeDirection::Tilt, FreeDirection::Shift]);
+    };
+    let directions = || eigenvalues.iter().zip(eigenvectors.column_iter());
+    let beside_noise: Vec<f64> = directions()
+        .map(|(value, vector)| value / vector.dot(&(noise * vector)).max(f64::MIN_POSITIVE))
+        .collect();
+    // A ball leaves two directions free; a single weak one is only weak.
+    let is_ball = beside_noise.iter().filter(|ratio| **ratio < ABOVE_NOISE).count() > 1;
+    let mut is_free = [false; 4];
+    let mut inverse = Matrix4::zeros();
+    for ((value, vector), ratio) in directions().zip(&beside_noise) {
+        if *value > RANK_TOLERANCE * largest && !(is_ball && *ratio < ABOVE_NOISE) {
+            inverse += vector * vector.transpose() / *value;
+        } else {
+            (0..4).for_each(|i| is_free[i] |= vector[i].abs() > 0.1);
+        }
+    }
+    let step = bounded_inverse(&(lever * pace * scale)) * inverse;
+    let covariance = INFLATION * scale * step * scatter * step.transpose() * scale;
+    let tilt = (is_free[0] || is_free[1]).then_some(FreeDirection::Tilt);
+    let shift = (is_free[2] || is_free[3]).then_some(FreeDirection::Shift);
+    (covariance, tilt.into_iter().chain(shift).collect())
+}
+
+/// How the frame moves with the axis: `heading` turns the tangents into +x and +y, and the origin lies `height` above the
+/// point of the axis, so that tilting the axis moves it: t += omega x (height z).
+fn frame_from_axis(heading: f64, height: f64) -> SMatrix<f64, 6, 4> {
+    let (sin, cos) = heading.sin_cos();
+    let mut embed = SMatrix::<f64, 6, 4>::zeros();
+    for (row, column, value) in [(0, 0, cos), (0, 1, sin), (1, 0, -sin), (1, 1, cos)] {
+        embed[(row, column)] = value;
+        embed[(row + 3, column + 2)] = value;
+        // x moves by +height * omega_y, y by -height * omega_x.
+        let (moved, sign) = if row == 1 { (3, 1.0) } else { (4, -1.0) };
+        embed[(moved, column)] += sign * height * value;
+    }
+    embed
 }

@@ -4,7 +4,6 @@ use nalgebra::{Matrix2, Matrix3, Rotation2, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 
 use crate::picture::Picture;
-use crate::symmetry::visibility::Seen;
 
 /// Cells along one side of a depth map, at most.
 const MAX_CELLS: usize = 512;
@@ -17,6 +16,17 @@ const EDGE: f64 = 2.0;
 
 /// How far beside its points a camera that was not cut off there is taken to have seen [larger side of what they fill].
 const BEYOND: f64 = 0.5;
+
+/// What a set of depth maps says about a place where no surface was measured; later ones are stronger.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Seen {
+    /// No camera can tell: hidden, turned away, or out of the picture.
+    Hidden,
+    /// A camera that should have seen a surface there got no return: likely empty, but dark or shiny surfaces drop out.
+    Missing,
+    /// A camera measured something behind it: empty.
+    Free,
+}
 
 /// What a depth map holds about one direction.
 #[derive(Debug, Clone, Copy)]
@@ -62,39 +72,11 @@ impl DepthMap {
         indices: &[u32],
         points_per_cell: f64,
     ) -> Option<Self> {
-        /// Points in a unit of parallel work.
-        const CHUNK: usize = 4096;
-        let ray = |i: &u32| point_of(*i as usize) - center;
-        let toward = |chunk: &[u32]| -> Vector3<f64> {
-            chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
-        };
-        let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
-        let toward = middle.try_normalize(1e-9)?;
-        let up = Vector3::ith(toward.iamin(), 1.0);
-        let camera_from_world = Rotation3::look_at_lh(&toward, &up);
-        let limit = MAX_OFF_AXIS.tan();
-        let project = |ray: Vector3<f64>| -> Option<([f64; 2], f32)> {
-            let local = camera_from_world * ray;
-            if local.z <= 0.0 {
-                return None;
-            }
-            let uv = [local.x / local.z, local.y / local.z];
-            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
-        };
-        let mut projected: Vec<Vec<([f64; 2], f32)>> = indices
-            .par_chunks(CHUNK)
-            .map(|chunk| chunk.iter().map(ray).filter_map(project).collect())
-            .collect();
-        let mut camera_from_world = camera_from_world;
-        if let Some(roll) = roll_of_strip(projected.iter().flatten().map(|(uv, _)| *uv)) {
-            let turn = Rotation2::new(-roll);
-            projected.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
-            camera_from_world = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
-        }
-        let count: usize = projected.iter().map(Vec::len).sum();
+        let (camera_from_world, returns) = looked_at(center, point_of, indices)?;
+        let count: usize = returns.iter().map(Vec::len).sum();
         let mut lower = [f64::INFINITY; 2];
         let mut upper = [f64::NEG_INFINITY; 2];
-        for (uv, _) in projected.iter().flatten() {
+        for (uv, _) in returns.iter().flatten() {
             for axis in 0..2 {
                 lower[axis] = lower[axis].min(uv[axis]);
                 upper[axis] = upper[axis].max(uv[axis]);
@@ -109,7 +91,7 @@ impl DepthMap {
         let first = lower.map(|x| x * cells_per_slope);
         let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
         let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
-        for (uv, range) in projected.into_iter().flatten() {
+        for (uv, range) in returns.into_iter().flatten() {
             let [column, row] = [0, 1].map(|axis| (uv[axis] * cells_per_slope - first[axis]) as usize);
             let slot = &mut nearest[row * size[0] + column];
             *slot = slot.min(range);
@@ -117,7 +99,7 @@ impl DepthMap {
         let cells = with_neighbors(&nearest, size[0]);
         Some(Self {
             center: *center,
-            camera_from_world: camera_from_world.into_inner(),
+            camera_from_world,
             cells_per_slope,
             first,
             size,
@@ -201,6 +183,48 @@ impl DepthMap {
         };
         (seen, beside_missing)
     }
+}
+
+/// Slopes against the middle of a view in which a return came, and how far away it was \[length\].
+type Return = ([f64; 2], f32);
+
+/// The rotation into the frame of a camera at `center` that looks at the middle of the points with some indices, with a strip of
+/// them along one of its axes; and what it saw of them, in chunks. `None` where they lie all around it.
+fn looked_at(
+    center: &Vector3<f64>,
+    point_of: impl Fn(usize) -> Vector3<f64> + Sync,
+    indices: &[u32],
+) -> Option<(Matrix3<f64>, Vec<Vec<Return>>)> {
+    /// Points in a unit of parallel work.
+    const CHUNK: usize = 4096;
+    let ray = |i: &u32| point_of(*i as usize) - center;
+    let toward = |chunk: &[u32]| -> Vector3<f64> {
+        chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
+    };
+    let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
+    let toward = middle.try_normalize(1e-9)?;
+    let up = Vector3::ith(toward.iamin(), 1.0);
+    let camera_from_world = Rotation3::look_at_lh(&toward, &up);
+    let limit = MAX_OFF_AXIS.tan();
+    let return_of = |ray: Vector3<f64>| -> Option<Return> {
+        let local = camera_from_world * ray;
+        if local.z <= 0.0 {
+            return None;
+        }
+        let uv = [local.x / local.z, local.y / local.z];
+        (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
+    };
+    let mut returns: Vec<Vec<Return>> = indices
+        .par_chunks(CHUNK)
+        .map(|chunk| chunk.iter().map(ray).filter_map(return_of).collect())
+        .collect();
+    let Some(roll) = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv)) else {
+        return Some((camera_from_world.into_inner(), returns));
+    };
+    let turn = Rotation2::new(-roll);
+    returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
+    let rolled = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
+    Some((rolled.into_inner(), returns))
 }
 
 /// Angle of a picture that is a strip, as one of a sensor that measures line by line is, from the first axis \[rad\]; `None`

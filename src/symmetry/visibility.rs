@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::picture::Picture;
+pub use crate::symmetry::depth_map::Seen;
 use crate::symmetry::depth_map::{DepthMap, Surroundings};
 use crate::viewpoints::NEAR;
 
@@ -38,17 +39,6 @@ const STRIPS: f64 = 0.1;
 /// Cosine between the normal of a surface and the direction to a camera below which it is seen at a grazing angle: it
 /// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
-
-/// What a set of depth maps says about a place where no surface was measured; later ones are stronger.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Seen {
-    /// No camera can tell: hidden, turned away, or out of the picture.
-    Hidden,
-    /// A camera that should have seen a surface there got no return: likely empty, but dark or shiny surfaces drop out.
-    Missing,
-    /// A camera measured something behind it: empty.
-    Free,
-}
 
 /// Depth maps of the views, rebuilt from the points and their viewpoints.
 #[derive(Debug, Clone)]

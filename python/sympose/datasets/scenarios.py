@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 from zlib import crc32
@@ -142,16 +142,11 @@ def scan(
         View(camera, draw_camera_pose(stream(f"view {k}"), scenario, target, front), f"view {k}")
         for k in range(views)
     ]
-    clouds = []
-    for k, view in enumerate(part_views):
-        image = render(mesh, view, stream(f"noise {k}"), sigma=sigma)
-        distance, flying = stress.fly_edges(image.distance, flying_pixels, stream(f"flying {k}"))
-        lost = stress.drop_blobs(distance, dropout, stream(f"dropout {k}"))
-        image = replace(image, distance=distance, face=np.where(lost, -1, image.face))
-        hit = image.face >= 0
-        label = np.where(flying, _OUTLIER, label_of_face[image.face])[hit]
-        clouds.append(_Cloud(image.points(), label, np.full(len(label), k)))
-    cloud = _Cloud.join(clouds)
+    looks = [
+        _look(mesh, label_of_face, k, view, stream, sigma=sigma, flying=flying_pixels, dropout=dropout)
+        for k, view in enumerate(part_views)
+    ]
+    cloud = _Cloud.join(looks)
     if wedge_deg:
         outside = stress.cut_wedge(cloud.points - part.center, wedge_deg, stream("wedge"))
         cloud = cloud.where(outside | (cloud.label != 0))
@@ -171,11 +166,7 @@ def scan(
         count = len(extra)
         cloud = _Cloud.join([cloud, _Cloud(extra, np.full(count, _OUTLIER), rng.integers(views, size=count))])
 
-    world_views = []
-    for view in part_views:
-        world_from_camera = pose @ view.world_from_camera
-        world_from_camera[:3, 3] = _place(view.center, pose, size)
-        world_views.append(View(camera, world_from_camera, view.name))
+    world_views = [_view_in_world(view, pose, size) for view in part_views]
     viewpoints = np.array([view.center for view in world_views])[cloud.view]
     return Scan(
         scene=Scene(cloud.points, viewpoints=viewpoints, views=world_views, name=f"{name} {scenario} {seed}"),
@@ -211,6 +202,27 @@ class _Cloud:
         return _Cloud(self.points[keep], self.label[keep], self.view[keep])
 
 
+def _look(
+    mesh: Trimesh,
+    label_of_face: NDArray[np.int64],
+    k: int,
+    view: View,
+    stream: Callable[[str], np.random.Generator],
+    *,
+    sigma: float,
+    flying: float,
+    dropout: float,
+) -> _Cloud:
+    """What the depth camera of view `k` measures, in the frame of the mesh."""
+    image = render(mesh, view, stream(f"noise {k}"), sigma=sigma)
+    distance, flew = stress.fly_edges(image.distance, flying, stream(f"flying {k}"))
+    lost = stress.drop_blobs(distance, dropout, stream(f"dropout {k}"))
+    image = replace(image, distance=distance, face=np.where(lost, -1, image.face))
+    hit = image.face >= 0
+    label = np.where(flew, _OUTLIER, label_of_face[image.face])[hit]
+    return _Cloud(image.points(), label, np.full(len(label), k))
+
+
 def _target(part: Part) -> NDArray[np.float64]:
     """What the cameras look at: the middle of the part, on the axis where there is one."""
     middle = part.mesh.bounds.mean(axis=0)
@@ -222,6 +234,13 @@ def _target(part: Part) -> NDArray[np.float64]:
 def _place(points: NDArray[np.float64], pose: NDArray[np.float64], size: float) -> NDArray[np.float64]:
     """Points of the part, of diameter 1, in the world."""
     return size * turn(pose[:3, :3], np.atleast_2d(points)).reshape(points.shape) + pose[:3, 3]
+
+
+def _view_in_world(view: View, pose: NDArray[np.float64], size: float) -> View:
+    """A view of the part, of diameter 1, in the world."""
+    world_from_camera = pose @ view.world_from_camera
+    world_from_camera[:3, 3] = _place(view.center, pose, size)
+    return replace(view, world_from_camera=world_from_camera)
 
 
 def _check_whole(**options: tuple[int, int]) -> None:
