@@ -133,3 +133,10 @@ def test_what_a_coarse_camera_sees_at_a_grazing_angle_is_no_gap() -> None:
     found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
     assert found.order == "continuous"
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.05))
+
+
+def test_a_refusal_says_how_much_the_sensor_lost() -> None:
+    # Gaps in the scan look like gaps in the part, which may be symmetric all the same.
+    scene = scan(part("cam_casting"), "sphere", views=5, seed=1, dropout=0.3).scene
+    with pytest.raises(sympose.NoSymmetryError, match=r"\d+ % of the returns are missing"):
+        sympose.estimate(scene, views=())
