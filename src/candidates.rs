@@ -18,6 +18,7 @@ use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, r
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
 use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::sweep::Turning;
 
 /// Points on which the final axis is judged.
 const JUDGED: usize = 4000;
@@ -157,9 +158,11 @@ impl Estimator {
         let mut detection = detect_order(surface, axis, gate, sight, &params);
         let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
         if let Some(order) = detection.order.filter(|_| shows_details) {
-            detection.details = contradicting_details(surface, axis, gate, sight, order, &params);
+            let turning = Turning { surface, axis, gate, sight };
+            detection.details = contradicting_details(&turning, order, &params);
             if let Some(Details::OfOrder { order, .. }) = detection.details {
-                detection.order = Some(Order::Cyclic(order));
+                // What was faint is the order of the rest.
+                (detection.order, detection.faint) = (Some(Order::Cyclic(order)), false);
             }
         }
         detection

@@ -41,7 +41,8 @@ pub(crate) fn remarks(
     let rival = detection.rival.filter(|_| found).map(rival);
     let fine = too_fine(detection).filter(|_| one_view);
     let details = details(detection).filter(|_| fine.is_none());
-    let ambiguity = aside.or(half).or(revolves).or(rival).or(fine);
+    let faint = (found && detection.faint).then(|| FAINT.to_owned());
+    let ambiguity = aside.or(half).or(revolves).or(rival).or(faint).or(fine);
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
@@ -60,6 +61,9 @@ pub(crate) fn remarks(
 /// Remark on an order that was found without knowing what was seen from where.
 const UNSEEN: &str = "the order was found without viewpoints, where hidden surface looks like missing surface: give them \
                       ([0, 0, 0] for points in the frame of the camera), or the order";
+
+/// Remark on an order that might be another one, or none.
+const FAINT: &str = "ambiguous: hardly anything in sight tells this order from others, or from none: declare it, or add a view";
 
 /// Says so when an order of two was found where little could contradict it: half of a part, as `one_view` shows it, seldom
 /// contradicts a half turn about some axis, and nothing does where it is `unknown` what was seen.
@@ -173,8 +177,8 @@ fn details(detection: &Detection) -> Option<String> {
 /// Says so when one view shows that a surface of revolution has details, but not how they repeat: the teeth of a gear.
 fn too_fine(detection: &Detection) -> Option<String> {
     (detection.order == Some(Order::Continuous) && detection.details == Some(Details::OfNone)).then(|| {
-        "ambiguous: the only view shows details that are not round, but too little of them to tell the order: declare \
-         it, or add a view"
+        "ambiguous: the only view shows details that are not round, but too little of them to tell their order, if they have \
+         one: declare it, or add a view"
             .to_owned()
     })
 }

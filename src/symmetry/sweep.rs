@@ -2,9 +2,10 @@
 
 use std::collections::HashMap;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::symmetry::axis::Axis;
+use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::score::{MISSING, Outcome, outcome};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
@@ -61,6 +62,22 @@ pub(crate) struct OrderEvidence {
     pub support: f64,
 }
 
+/// A surface that is turned about an axis, and what tells where its points come to lie.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Turning<'a> {
+    pub surface: &'a Surface,
+    pub axis: &'a Axis,
+    pub gate: Gate,
+    pub sight: Sight<'a>,
+}
+
+impl Turning<'_> {
+    /// What becomes of a point with a normal.
+    pub(crate) fn outcome(&self, point: &Vector3<f64>, normal: &Vector3<f64>, turn: &Turn) -> Outcome {
+        outcome(self.surface, point, normal, turn, self.gate, self.sight)
+    }
+}
+
 /// Outcomes of every sample at some fractions k/n of a turn, in lowest terms and up to one half.
 pub(crate) struct Sweep {
     fractions: Vec<(u32, u32)>,
@@ -69,20 +86,13 @@ pub(crate) struct Sweep {
 }
 
 impl Sweep {
-    pub(crate) fn new(
-        surface: &Surface,
-        samples: &Samples,
-        axis: &Axis,
-        fractions: Vec<(u32, u32)>,
-        gate: Gate,
-        sight: Sight<'_>,
-    ) -> Self {
+    pub(crate) fn new(turning: &Turning<'_>, samples: &Samples, fractions: Vec<(u32, u32)>) -> Self {
         let outcomes = fractions
             .par_iter()
             .map(|&(k, n)| {
-                let turn = axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
+                let turn = turning.axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
                 let rotated = samples.points.iter().zip(&samples.normals);
-                rotated.map(|(p, normal)| outcome(surface, p, normal, &turn, gate, sight)).collect()
+                rotated.map(|(point, normal)| turning.outcome(point, normal, &turn)).collect()
             })
             .collect();
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
@@ -123,6 +133,16 @@ impl Sweep {
         evidence
     }
 
+    /// Evidence half-way between the multiples of 1/n, or at generic angles where no sample was turned there.
+    pub(crate) fn halfway(&self, n: u32, chosen: &[usize]) -> Tally {
+        if 2 * n > self.largest_denominator() {
+            return self.generic(chosen);
+        }
+        let mut sum = Tally::default();
+        (0..n.div_ceil(2)).for_each(|k| sum.merge(&self.tally(2 * k + 1, 2 * n, chosen)));
+        sum
+    }
+
     /// Evidence at generic angles.
     pub(crate) fn generic(&self, chosen: &[usize]) -> Tally {
         let mut sum = Tally::default();
@@ -156,9 +176,13 @@ impl Sweep {
         self.fractions.iter().enumerate().map(peak).collect()
     }
 
+    fn largest_denominator(&self) -> u32 {
+        self.fractions.last().map_or(2, |&(_, n)| n)
+    }
+
     /// Rows of generic angles: fractions of a large denominator, which few orders share.
     fn generic_rows(&self) -> impl Iterator<Item = usize> {
-        let largest = self.fractions.last().map_or(2, |&(_, n)| n);
+        let largest = self.largest_denominator();
         (0..self.fractions.len()).filter(move |&row| 3 * self.fractions[row].1 > 2 * largest)
     }
 }
@@ -187,4 +211,38 @@ pub(crate) fn fraction(k: u32, n: u32) -> (u32, u32) {
 
 pub(crate) fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sample that is contradicted at some fractions of a turn, and matches at all others.
+    fn sweep(max_order: u32, contradicted: &[(u32, u32)]) -> Sweep {
+        let fractions = up_to(max_order);
+        let outcome = |fraction| {
+            if contradicted.contains(fraction) { Outcome::Contradicted } else { Outcome::Matched }
+        };
+        let outcomes = fractions.iter().map(|fraction| vec![outcome(fraction)]).collect();
+        let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
+        Sweep { fractions, row_of, outcomes }
+    }
+
+    #[test]
+    fn half_way_lies_between_the_multiples() {
+        let against = |n, contradicted: &[(u32, u32)]| sweep(12, contradicted).halfway(n, &[0]).against();
+        assert_eq!(against(2, &[(1, 4)]), 1.0);
+        assert_eq!(against(2, &[(1, 2)]), 0.0);
+        // A half turn lies between multiples of an odd order.
+        assert_eq!(against(3, &[(1, 6), (1, 2)]), 2.0);
+        assert_eq!(against(3, &[(1, 3)]), 0.0);
+        assert_eq!(against(6, &[(1, 12), (1, 4), (5, 12), (1, 6)]), 3.0);
+    }
+
+    #[test]
+    fn where_no_sample_was_turned_half_way_generic_angles_stand_for_it() {
+        let sweep = sweep(12, &[(1, 11)]);
+        assert_eq!(sweep.halfway(7, &[0]).against(), sweep.generic(&[0]).against());
+        assert_eq!(sweep.generic(&[0]).against(), 1.0);
+    }
 }

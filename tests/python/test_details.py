@@ -66,6 +66,40 @@ def test_without_holes_it_is_a_surface_of_revolution(part: Part, views: int) -> 
     assert sympose.estimate(scan(part, "sphere", views=views, seed=1).scene).order == "continuous"
 
 
+def keyed(solid: manifold3d.Manifold, radius: float, height: float, width: float) -> Part:
+    """A solid with a keyway at some radius, from some height up, which no turn maps to itself."""
+    keyway = manifold3d.Manifold.cube([0.14, width, 0.3]).translate([radius - 0.04, -0.5 * width, height])
+    return solid_part(solid - keyway, None)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("views", [2, 5])
+def test_a_keyway_is_said_to_have_no_part_in_the_order_of_the_rest(views: int, seed: int) -> None:
+    solid = cylinder(0.08, 0.5, 0.0) + cylinder(0.2, 0.24, 0.08) - cylinder(1.0, 0.14, -0.1)
+    for k in range(6):
+        solid -= cylinder(1.0, 0.05, -0.1).translate([0.38, 0.0, 0.0]).rotate([0.0, 0.0, 60.0 * k])
+    found = sympose.estimate(scan(keyed(solid, 0.14, -0.01, 0.07), "upper", views=views, seed=seed).scene)
+    assert found.order == 6
+    assert any("details contradict the order (6)" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_order_that_a_shaft_has_by_chance_about_its_keyway_is_not_trusted(seed: int) -> None:
+    shaft = cylinder(0.55, 0.2, 0.0) + cylinder(0.4, 0.1, 0.55)
+    found = sympose.estimate(scan(keyed(shaft, 0.2, 0.1, 0.1), "table", seed=seed).scene, views=())
+    assert found.score < 0.5
+    assert any("hardly anything in sight" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("name", ["knob_3", "impeller_7", "wheel_hub_6", "sprocket_6", "gear_12"])
+@pytest.mark.parametrize("views", [2, 5])
+def test_noise_and_edges_are_not_taken_for_details(name: str, views: int) -> None:
+    part = datasets.part(name)
+    found = sympose.estimate(scan(part, "sphere", views=views, seed=2).scene)
+    assert found.order == part.order
+    assert not any("details" in warning for warning in found.warnings)
+
+
 def oval_bottle(width: float, depth: float, height: float) -> Part:
     """Without its neck it would turn about any of three axes."""
     body = cylinder(height, 0.5, 0.0).scale([width, depth, 1.0])
