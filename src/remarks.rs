@@ -63,7 +63,8 @@ const UNSEEN: &str = "the order was found without viewpoints, where hidden surfa
                       ([0, 0, 0] for points in the frame of the camera), or the order";
 
 /// Remark on an order that might be another one, or none.
-const FAINT: &str = "ambiguous: hardly anything in sight tells this order from others, or from none: declare it, or add a view";
+const FAINT: &str = "ambiguous: hardly anything in sight tells this order from others, or from none: declare it, or add a \
+                     view";
 
 /// Says so when an order of two was found where little could contradict it: half of a part, as `one_view` shows it, seldom
 /// contradicts a half turn about some axis, and nothing does where it is `unknown` what was seen.
