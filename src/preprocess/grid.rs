@@ -5,8 +5,6 @@
 //! key space is too large for one bitmap, the leading bits are replaced by their rank and the next bits follow, so
 //! that every bitmap stays at a few bytes a point.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use rayon::prelude::*;
 
 use super::{CHUNK, finite_bounds};
@@ -15,6 +13,9 @@ use crate::validate::positive;
 
 /// Bits of a cell index along one axis: three of them fit a 64-bit key.
 const AXIS_BITS: u32 = 21;
+
+/// Threads that mark cells at the same time; each has a bitmap of its own.
+const MOST_BITMAPS: usize = 8;
 
 /// A grid over the bounding box of a cloud, its origin the lower corner of the box minus half a cell.
 pub(crate) struct Grid {
@@ -115,14 +116,21 @@ impl Grid {
             let bits = left.min(width - known);
             left -= bits;
             let mut level = Level::new(bits, left, self.len);
-            let marks = level.marks();
-            cell_of.par_iter_mut().zip(points).with_min_len(CHUNK).for_each(|(cell, point)| {
-                // A code has at most `width` bits, so that it fits where the number of the cell will be.
-                let code = level.code(*cell, self.interleave.key(self.indices(point)));
-                marks.set(code);
-                *cell = code as u32;
-            });
-            level.count(marks);
+            // A bitmap for each thread: were one shared, its cache lines would travel at every mark.
+            let shares = rayon::current_num_threads().clamp(1, MOST_BITMAPS);
+            let share = points.len().div_ceil(shares).max(CHUNK);
+            let bitmaps =
+                cell_of.par_chunks_mut(share).zip(points.par_chunks(share)).map(|(cells, points)| {
+                    let mut marks = level.marks();
+                    for (cell, point) in cells.iter_mut().zip(points) {
+                        // A code has at most `width` bits, so that it fits where the number of the cell will be.
+                        let code = level.code(*cell, self.interleave.key(self.indices(point)));
+                        marks[code >> 6] |= 1 << (code & 63);
+                        *cell = code as u32;
+                    }
+                    marks
+                });
+            level.count(&bitmaps.collect::<Vec<_>>());
             self.len = level.marked();
             cell_of.par_iter_mut().with_min_len(CHUNK).for_each(|cell| *cell = level.rank(*cell as usize));
             self.levels.push(level);
@@ -226,19 +234,6 @@ struct Level {
     words: Vec<Word>,
 }
 
-/// A bitmap that several threads mark.
-struct Marks(Vec<AtomicU64>);
-
-impl Marks {
-    fn set(&self, code: usize) {
-        let (word, mark) = (&self.0[code >> 6], 1 << (code & 63));
-        // Looking first keeps the cache line shared: most points fall in a cell that is marked already.
-        if word.load(Ordering::Relaxed) & mark == 0 {
-            word.fetch_or(mark, Ordering::Relaxed);
-        }
-    }
-}
-
 /// 64 marks, and the number of marks in all words before.
 #[derive(Clone, Copy)]
 struct Word {
@@ -252,19 +247,20 @@ impl Level {
     }
 
     /// A bitmap for the codes of this level, without marks.
-    fn marks(&self) -> Marks {
-        Marks((0..(self.coarse << self.bits).div_ceil(64)).map(|_| AtomicU64::new(0)).collect())
+    fn marks(&self) -> Vec<u64> {
+        vec![0; (self.coarse << self.bits).div_ceil(64)]
     }
 
-    fn count(&mut self, marks: Marks) {
+    /// Takes what is marked in any of the bitmaps.
+    fn count(&mut self, bitmaps: &[Vec<u64>]) {
         let mut before = 0;
-        let word = |word: AtomicU64| {
-            let marks = word.into_inner();
+        let word = |index| {
+            let marks = bitmaps.iter().fold(0, |all, bitmap| all | bitmap[index]);
             let word = Word { marks, before };
             before += marks.count_ones();
             word
         };
-        self.words = marks.0.into_iter().map(word).collect();
+        self.words = (0..bitmaps.first().map_or(0, Vec::len)).map(word).collect();
     }
 
     fn marked(&self) -> usize {

@@ -56,8 +56,8 @@ impl<'a> Sight<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Sector {
     axis: Axis,
-    /// Angle from the first tangent of the axis \[rad\].
-    start: f64,
+    /// Inward normals of its two edges, in the plane of the tangents of the axis.
+    edges: [Vector2<f64>; 2],
     /// Below π, so that the sector is convex \[rad\].
     width: f64,
     /// Largest distance of a point from the axis \[length\].
@@ -107,8 +107,10 @@ impl Sector {
         let alone = (WIDTH[0]..=WIDTH[1]).contains(&widest) && widest >= next + WIDER;
         let bin = TAU / BINS as f64;
         // The bins on either side are empty in part.
-        let start = start as f64 - 1.0;
-        alone.then_some(Self { axis: *axis, start: start * bin, width: (widest + 2) as f64 * bin, rim })
+        let (start, width) = ((start as f64 - 1.0) * bin, (widest + 2) as f64 * bin);
+        let edge = |angle: f64| Vector2::new(-angle.sin(), angle.cos());
+        let edges = [edge(start), -edge(start + width)];
+        alone.then_some(Self { axis: *axis, edges, width, rim })
     }
 
     /// Whether the straight way from one point to another leads through the sector.
@@ -118,8 +120,7 @@ impl Sector {
         let (begin, way) = (flat(from), flat(to) - flat(from));
         // The share of the way on the inner side of both edges.
         let (mut first, mut last) = (0.0_f64, 1.0_f64);
-        for (angle, inward) in [(self.start, 1.0), (self.start + self.width, -1.0)] {
-            let normal = Vector2::new(-angle.sin(), angle.cos()) * inward;
+        for normal in &self.edges {
             let (height, rise) = (normal.dot(&begin), normal.dot(&way));
             if rise > 0.0 {
                 first = first.max(-height / rise);
