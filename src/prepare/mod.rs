@@ -100,8 +100,10 @@ pub(crate) fn prepare(
 
     stages.begin("normals")?;
     let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
-    let (inliers, point_of_inlier) = patches.inliers(&part);
-    let mut surface = patches.surface(voxel_size, config.propose.gate * diameter);
+    let (mut surface, (inliers, point_of_inlier)) = rayon::join(
+        || patches.surface(voxel_size, config.propose.gate * diameter),
+        || patches.inliers(&part),
+    );
     surface.assumed_view = part.assumed_view();
     let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
     let measured = patches.measured();

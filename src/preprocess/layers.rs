@@ -180,17 +180,18 @@ impl Blocks {
             sides[block][usize::from(behind)].add(point.into());
         }
         let step = self.places.len().div_ceil(BLOCKS).max(1);
-        let mut spreads = Vec::new();
-        for block in (0..self.places.len()).step_by(step) {
+        let spread_around = |block: usize| {
             let [mut front, mut back] = [Moments::default(); 2];
             for beside in self.around(block) {
                 let turned = self.normals[block].dot(&self.normals[beside]) < 0.0;
                 front.join(&sides[beside][usize::from(turned)]);
                 back.join(&sides[beside][usize::from(!turned)]);
             }
-            spreads
-                .extend([front, back].iter().filter(|side| side.count >= ENOUGH).map(|side| plane(side).1));
-        }
+            [front, back].map(|side| (side.count >= ENOUGH).then(|| plane(&side).1))
+        };
+        let blocks = (0..self.places.len()).into_par_iter().step_by(step).with_min_len(BLOCKS / 16);
+        let spreads: Vec<[Option<f64>; 2]> = blocks.map(spread_around).collect();
+        let mut spreads: Vec<f64> = spreads.into_iter().flatten().flatten().collect();
         median(&mut spreads).unwrap_or(0.0)
     }
 }

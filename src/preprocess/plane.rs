@@ -90,10 +90,10 @@ pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane>
         let share = finalists[0].inliers as f64 / sample.len() as f64;
         wanted = wanted.min(trials(share, params.probability));
     }
-    let best = finalists
-        .iter()
-        .map(|candidate| refine(points, candidate.plane, params.distance))
-        .reduce(|best, other| if other.inliers > best.inliers { other } else { best });
+    let refined: Vec<Candidate> =
+        finalists.par_iter().map(|candidate| refine(points, candidate.plane, params.distance)).collect();
+    let best =
+        refined.into_iter().reduce(|best, other| if other.inliers > best.inliers { other } else { best });
     let plane = best.map_or(finalists[0].plane, |best| best.plane).with_positive_main_component();
     let inliers = (0_u32..).zip(points).filter(|(_, p)| plane.distance(p).abs() <= params.distance);
     Ok(Plane { coefficients: plane.coefficients(), inliers: inliers.map(|(i, _)| i).collect(), iterations })

@@ -13,7 +13,7 @@ use crate::symmetry::solver::{NormalEquations, RobustProblem};
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// Points in a unit of parallel work; fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 2048;
+const CHUNK: usize = 512;
 
 /// No correspondence.
 const NONE: u32 = u32::MAX;
