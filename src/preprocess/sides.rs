@@ -70,13 +70,15 @@ pub fn separate_sides(
     normals: &[[f64; 3]],
     neighbors: &KNeighbors,
 ) -> Sides {
-    // Plain numbers: this runs twice over all raw points.
+    // Plain numbers: this runs over all raw points.
     let cosine = |position: &[f64; 3], viewpoint: &[f64; 3], normal: &[f64; 3]| {
         let toward: [f64; 3] = std::array::from_fn(|axis| viewpoint[axis] - position[axis]);
         let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let length = dot(&toward, &toward).sqrt();
         if length > 0.0 { dot(&toward, normal) / length } else { 0.0 }
     };
+    let facing = |(i, &voxel): (usize, &u32)| cosine(&points[i], &viewpoint_of(i), &normals[voxel as usize]);
+    let cosines: Vec<f64> = grid.inverse.par_iter().enumerate().with_min_len(CHUNK).map(facing).collect();
     // Each task owns a range of voxels and passes over all points, so that every sum is in their order.
     let voxels = grid.points.len();
     let share = voxels.div_ceil(rayon::current_num_threads().clamp(1, 8)).max(1);
@@ -87,10 +89,9 @@ pub fn separate_sides(
             let mut sums = vec![[Sum::default(); 2]; share.min(voxels - first)];
             for (i, &voxel) in grid.inverse.iter().enumerate() {
                 let Some(sum) = sums.get_mut((voxel as usize).wrapping_sub(first)) else { continue };
-                let (position, viewpoint) = (points[i], viewpoint_of(i));
-                let cosine = cosine(&position, &viewpoint, &normals[voxel as usize]);
-                let seen = Sum { position, viewpoint, cosine: cosine.abs(), count: 1.0 };
-                sum[usize::from(cosine < 0.0)].add(&seen);
+                let (position, viewpoint, cosine) = (points[i], viewpoint_of(i), cosines[i].abs());
+                let seen = Sum { position, viewpoint, cosine, count: 1.0 };
+                sum[usize::from(cosines[i] < 0.0)].add(&seen);
             }
             sums
         })
@@ -118,12 +119,11 @@ pub fn separate_sides(
             sides.push(voxel, &back, opposite);
         }
     }
-    let patch = |(i, &voxel): (usize, &u32)| {
+    let patch = |(&voxel, &cosine): (&u32, &f64)| {
         let [front, back] = patch_of_face[voxel as usize];
-        let is_front = || cosine(&points[i], &viewpoint_of(i), &normals[voxel as usize]) >= 0.0;
-        if front == back || is_front() { front } else { back }
+        if cosine < 0.0 { back } else { front }
     };
-    sides.patch_of_point = grid.inverse.par_iter().enumerate().with_min_len(CHUNK).map(patch).collect();
+    sides.patch_of_point = grid.inverse.par_iter().zip(&cosines).with_min_len(CHUNK).map(patch).collect();
     if sides.divided > 0 {
         sides.normals = sides.own_normals(&patch_of_face, neighbors);
     }
