@@ -124,12 +124,13 @@ proptest! {
 fn results_do_not_depend_on_threads() {
     let points = Random(1).sphere(30_000);
     let run = || {
-        let grid = voxel_downsample(&points, 0.03).unwrap();
+        // Cells so small that the grid has several levels.
+        let grids = [0.03, 1e-5].map(|size| voxel_downsample(&points, size).unwrap());
         let kept =
             remove_radius_outliers(&points, &RadiusParams { radius: 0.05, min_neighbors: 12 }).unwrap();
         let inliers = remove_statistical_outliers(&points, &StatisticalParams::default()).unwrap();
         let clusters = main_cluster(&points, &ClusterParams { distance: 0.02, keep_ratio: 0.1 }).unwrap();
-        (grid, kept, inliers, clusters)
+        (grids, kept, inliers, clusters)
     };
     let one = with_threads(1, run);
     assert!(one.1.len() < points.len() && one.2.len() < points.len() && one.3.sizes.len() > 1);

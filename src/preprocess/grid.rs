@@ -14,8 +14,8 @@ use crate::validate::positive;
 /// Bits of a cell index along one axis: three of them fit a 64-bit key.
 const AXIS_BITS: u32 = 21;
 
-/// Threads that mark cells at the same time; each has a bitmap of its own.
-const MOST_BITMAPS: usize = 8;
+/// Bitmaps of all threads that mark cells at the same time, at most \[bytes a point\].
+const MARKING: usize = 16;
 
 /// A grid over the bounding box of a cloud, its origin the lower corner of the box minus half a cell.
 pub(crate) struct Grid {
@@ -117,7 +117,8 @@ impl Grid {
             left -= bits;
             let mut level = Level::new(bits, left, self.len);
             // A bitmap for each thread: were one shared, its cache lines would travel at every mark.
-            let shares = rayon::current_num_threads().clamp(1, MOST_BITMAPS);
+            let affordable = MARKING * points.len() / level.bytes();
+            let shares = rayon::current_num_threads().min(affordable).max(1);
             let share = points.len().div_ceil(shares).max(CHUNK);
             let bitmaps =
                 cell_of.par_chunks_mut(share).zip(points.par_chunks(share)).map(|(cells, points)| {
@@ -249,6 +250,11 @@ impl Level {
     /// A bitmap for the codes of this level, without marks.
     fn marks(&self) -> Vec<u64> {
         vec![0; (self.coarse << self.bits).div_ceil(64)]
+    }
+
+    /// Size of a bitmap.
+    fn bytes(&self) -> usize {
+        (self.coarse << self.bits).div_ceil(8)
     }
 
     /// Takes what is marked in any of the bitmaps.
