@@ -75,8 +75,9 @@ def alternate(
 ) -> tuple[dict[str, float], dict[str, float], dict[str, Any]]:
     """Call all in turn: median time by the clock and of the processors [ms], and the last results.
 
-    Each is called twice in a row and timed the second time, as in a loop: threads that wake after a pause may share a core
-    until the scheduler notices, a few milliseconds later. Long calls, which hardly depend on that, are called once.
+    Each is called twice in a row and timed the second time, as in a loop: threads that wake after a pause may
+    share a core until the scheduler notices, a few milliseconds later. Long calls, which hardly depend on
+    that, are called once.
     """
     results = {name: call() for name, call in calls.items()}  # warms caches and pools
     times: dict[str, list[float]] = {name: [] for name in calls}
