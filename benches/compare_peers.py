@@ -3,7 +3,7 @@
     python benches/compare_peers.py [--only PART] [--out FOLDER] [--repeats N]
 
 Every row times all libraries in turn, round by round, so that what else the machine does falls on all of them
-alike, and takes medians; a short call is made twice and timed the second time, as in a loop. It also compares
+alike, and takes medians; short calls are made twice and timed the second time, as in a loop. It also compares
 what they return. A peer's own container is filled before the clock starts; Sympose is timed with its copy of
 the array. A library that is not installed is left out, and the table says so. The status is 1 when results
 disagree; a missed goal is only marked.

@@ -124,7 +124,7 @@ proptest! {
 fn results_do_not_depend_on_threads() {
     let points = Random(1).sphere(30_000);
     let run = || {
-        // Cells so small that the grid has several levels.
+        // With the smaller cells the grid has many levels.
         let grids = [0.03, 1e-5].map(|size| voxel_downsample(&points, size).unwrap());
         let kept =
             remove_radius_outliers(&points, &RadiusParams { radius: 0.05, min_neighbors: 12 }).unwrap();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import statistics
 import time
@@ -17,8 +18,8 @@ __all__ = ["HEAD", "Row", "alternate", "header", "library", "line", "skipped", "
 _BUDGET = 40.0
 """Seconds after which a row is content with three rounds."""
 
-_SHORT = 200.0
-"""Milliseconds below which a call is made twice and timed the second time."""
+_SHORT = 100.0
+"""Milliseconds below which a call is short."""
 
 _missing: dict[str, str] = {}
 """Modules that could not be imported, and why."""
@@ -75,11 +76,15 @@ def alternate(
 ) -> tuple[dict[str, float], dict[str, float], dict[str, Any]]:
     """Call all in turn: median time by the clock and of the processors [ms], and the last results.
 
-    Each is called twice in a row and timed the second time, as in a loop: threads that wake after a pause may
-    share a core until the scheduler notices, a few milliseconds later. Long calls, which hardly depend on
-    that, are called once.
+    Where one of them is short, each is called twice in a row and timed the second time, as in a loop: threads
+    that wake after a pause may share a core until the scheduler notices, a few milliseconds later.
     """
-    results = {name: call() for name, call in calls.items()}  # warms caches and pools
+    results: dict[str, Any] = {}
+    shortest = math.inf
+    for name, call in calls.items():  # warms caches and pools
+        start = time.perf_counter()
+        results[name] = call()
+        shortest = min(shortest, 1e3 * (time.perf_counter() - start))
     times: dict[str, list[float]] = {name: [] for name in calls}
     busy: dict[str, list[float]] = {name: [] for name in calls}
     begun = time.perf_counter()
@@ -87,7 +92,7 @@ def alternate(
         if done >= 3 and time.perf_counter() - begun > _BUDGET:
             break
         for name, call in calls.items():
-            if times[name] and times[name][-1] < _SHORT:
+            if shortest < _SHORT:
                 call()
             start, used = time.perf_counter(), time.process_time()
             results[name] = call()

@@ -11,7 +11,7 @@ from sympose.errors import InvalidInputError
 
 T = TypeVar("T", bound=np.generic)
 
-__all__ = ["as_floats", "as_points", "read_only"]
+__all__ = ["as_floats", "as_points", "copy_points", "read_only"]
 
 
 def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -35,6 +35,15 @@ def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
         InvalidInputError: `value` is not numeric or not of shape (N, 3).
     """
     return _checked_rows(as_floats(value, name), name)
+
+
+def copy_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    """Return what `as_points` does, as an array that no one else holds.
+
+    Raises:
+        InvalidInputError: `value` is not numeric or not of shape (N, 3).
+    """
+    return np.array(_checked_rows(_as_real(value, name), name), np.float64, order="C", copy=True)
 
 
 def read_only(array: NDArray[T]) -> NDArray[T]:

@@ -100,6 +100,7 @@ pub(crate) fn prepare(
 
     stages.begin("normals")?;
     let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
+    // Neither keeps both threads of a small machine busy.
     let (mut surface, (inliers, point_of_inlier)) = rayon::join(
         || patches.surface(voxel_size, config.propose.gate * diameter),
         || patches.inliers(&part),

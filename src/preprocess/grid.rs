@@ -14,7 +14,7 @@ use crate::validate::positive;
 /// Bits of a cell index along one axis: three of them fit a 64-bit key.
 const AXIS_BITS: u32 = 21;
 
-/// Bitmaps of all threads that mark cells at the same time, at most \[bytes a point\].
+/// Memory of the bitmaps of all threads that mark cells, at most, unless one alone takes more \[bytes a point\].
 const MARKING: usize = 16;
 
 /// A grid over the bounding box of a cloud, its origin the lower corner of the box minus half a cell.
@@ -116,7 +116,8 @@ impl Grid {
             let bits = left.min(width - known);
             left -= bits;
             let mut level = Level::new(bits, left, self.len);
-            // A bitmap for each thread: were one shared, its cache lines would travel at every mark.
+            // A bitmap for each thread: were one shared, its cache lines would travel at every mark. Few threads suffice, memory is
+            // what they wait for.
             let affordable = MARKING * points.len() / level.bytes();
             let shares = rayon::current_num_threads().min(affordable).max(1);
             let share = points.len().div_ceil(shares).max(CHUNK);
@@ -252,7 +253,7 @@ impl Level {
         vec![0; (self.coarse << self.bits).div_ceil(64)]
     }
 
-    /// Size of a bitmap.
+    /// Size of a bitmap \[bytes\].
     fn bytes(&self) -> usize {
         (self.coarse << self.bits).div_ceil(8)
     }

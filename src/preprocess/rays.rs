@@ -214,7 +214,11 @@ impl View {
                 weight: 0.0,
             }
         };
-        found.iter().map(beside).filter(|ray| ray.inverse.is_finite() && ray.inverse > 0.0).collect()
+        let is_ahead = |ray: &Beside| ray.inverse.is_finite() && ray.inverse > 0.0;
+        // Of the right size from the start: growing it takes as long as all the rest.
+        let mut rays = Vec::with_capacity(found.len());
+        rays.extend(found.iter().map(beside).filter(is_ahead));
+        rays
     }
 
     /// Distance of the plane of the rays `found` along the ray `i` among them \[length\]; `None` where its own point is not

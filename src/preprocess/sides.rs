@@ -124,6 +124,7 @@ pub fn separate_sides(
         if cosine < 0.0 { back } else { front }
     };
     sides.patch_of_point = grid.inverse.par_iter().zip(&cosines).with_min_len(CHUNK).map(patch).collect();
+    drop(cosines);
     if sides.divided > 0 {
         sides.normals = sides.own_normals(&patch_of_face, neighbors);
     }

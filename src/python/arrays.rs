@@ -1,16 +1,39 @@
 //! Arrays in and out. What comes in goes through `sympose.arrays`, the one converter of the package.
 
+use std::ops::Deref;
+
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
-use numpy::{Element, PyArray1, PyArray2, PyArrayMethods};
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::errors;
 use crate::error::Error;
 
-/// [`points`], at least one.
-pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<Vec<[f64; 3]>> {
-    let rows = points(value, "points")?;
+/// Rows of an (N, 3) array of any real type and memory order.
+///
+/// A copy, because the work runs without the GIL, when another Python thread may write to the array. NumPy makes it, which
+/// converts at the same time; no one else holds it.
+pub(super) struct Rows<'py>(PyReadonlyArray2<'py, f64>);
+
+impl Deref for Rows<'_> {
+    type Target = [[f64; 3]];
+
+    fn deref(&self) -> &Self::Target {
+        // `copy_points` returns C-order: there is a slice.
+        self.0.as_slice().unwrap_or_default().as_chunks().0
+    }
+}
+
+/// The rows of an array.
+pub(super) fn rows_of<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Rows<'py>> {
+    let array = value.py().import("sympose.arrays")?.call_method1("copy_points", (value, name))?;
+    Ok(Rows(array.cast::<PyArray2<f64>>()?.try_readonly()?))
+}
+
+/// [`rows_of`], at least one.
+pub(super) fn cloud<'py>(value: &Bound<'py, PyAny>, stage: &'static str) -> PyResult<Rows<'py>> {
+    let rows = rows_of(value, "points")?;
     if rows.is_empty() {
         let hint = "the cloud is empty";
         let empty = Error::InsufficientData { stage, needed: 1, got: 0, hint };
@@ -19,9 +42,7 @@ pub(super) fn cloud(value: &Bound<'_, PyAny>, stage: &'static str) -> PyResult<V
     Ok(rows)
 }
 
-/// Rows of an (N, 3) array of any real type and memory order.
-///
-/// A copy, because the work runs without the GIL, when another Python thread may write to the array.
+/// Rows of an (N, 3) array, to keep.
 pub(super) fn points(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
     let array = value.py().import("sympose.arrays")?.call_method1("as_points", (value, name))?;
     let array = array.cast::<PyArray2<f64>>()?.try_readonly()?;

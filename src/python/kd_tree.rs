@@ -65,7 +65,7 @@ impl PyKdTree {
         points: &Bound<'py, PyAny>,
         k: i64,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
-        let queries = &*arrays::points(points, "points")?;
+        let queries = &*arrays::rows_of(points, "points")?;
         arrays::check_finite(py, queries, "points")?;
         let count = usize::try_from(k).ok().filter(|&k| k >= 1);
         let Some(k) = count else {
@@ -135,7 +135,7 @@ impl PyKdTree {
         points: &Bound<'py, PyAny>,
         radius: f64,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let queries = &*arrays::points(points, "points")?;
+        let queries = &*arrays::rows_of(points, "points")?;
         arrays::check_finite(py, queries, "points")?;
         if !(radius > 0.0 && radius.is_finite()) {
             return Err(errors::invalid_input(

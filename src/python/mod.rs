@@ -19,11 +19,6 @@ mod stages;
 
 use pyo3::prelude::*;
 
-/// An estimate fills large tables and gives them back. The allocator of the system returns them to the kernel each time, which
-/// took a tenth of an estimate (docs/experiments.md). The crate leaves this choice to the programs that embed it.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// The compiled half of sympose; use it through the package.
 #[pymodule]
 mod _core {

@@ -56,7 +56,8 @@ impl<'a> Sight<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Sector {
     axis: Axis,
-    /// Inward normals of its two edges, in the plane of the tangents of the axis.
+    /// Inward normals of its two edges, in the plane of the tangents of the axis; from angles they would be made again for
+    /// every place.
     edges: [Vector2<f64>; 2],
     /// Below π, so that the sector is convex \[rad\].
     width: f64,
