@@ -215,7 +215,7 @@ impl View {
             }
         };
         let is_ahead = |ray: &Beside| ray.inverse.is_finite() && ray.inverse > 0.0;
-        // Of the right size from the start: growing it takes as long as all the rest.
+        // With room for all: a filter does not say how many there will be, and the list would grow step by step.
         let mut rays = Vec::with_capacity(found.len());
         rays.extend(found.iter().map(beside).filter(is_ahead));
         rays
