@@ -70,15 +70,15 @@ pub fn separate_sides(
     normals: &[[f64; 3]],
     neighbors: &KNeighbors,
 ) -> Sides {
-    // Plain numbers: this runs over all raw points.
-    let cosine = |position: &[f64; 3], viewpoint: &[f64; 3], normal: &[f64; 3]| {
+    // Of the direction to the sensor and the normal of the voxel; plain numbers, for it is taken for all raw points.
+    let cosine = |(i, &voxel): (usize, &u32)| {
+        let (position, viewpoint) = (points[i], viewpoint_of(i));
         let toward: [f64; 3] = std::array::from_fn(|axis| viewpoint[axis] - position[axis]);
         let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let length = dot(&toward, &toward).sqrt();
-        if length > 0.0 { dot(&toward, normal) / length } else { 0.0 }
+        if length > 0.0 { dot(&toward, &normals[voxel as usize]) / length } else { 0.0 }
     };
-    let facing = |(i, &voxel): (usize, &u32)| cosine(&points[i], &viewpoint_of(i), &normals[voxel as usize]);
-    let cosines: Vec<f64> = grid.inverse.par_iter().enumerate().with_min_len(CHUNK).map(facing).collect();
+    let cosines: Vec<f64> = grid.inverse.par_iter().enumerate().with_min_len(CHUNK).map(cosine).collect();
     // Each task owns a range of voxels and passes over all points, so that every sum is in their order.
     let voxels = grid.points.len();
     let share = voxels.div_ceil(rayon::current_num_threads().clamp(1, 8)).max(1);
@@ -124,6 +124,7 @@ pub fn separate_sides(
         if cosine < 0.0 { back } else { front }
     };
     sides.patch_of_point = grid.inverse.par_iter().zip(&cosines).with_min_len(CHUNK).map(patch).collect();
+    // A number for each raw point, no longer needed.
     drop(cosines);
     if sides.divided > 0 {
         sides.normals = sides.own_normals(&patch_of_face, neighbors);
