@@ -66,6 +66,12 @@ struct Sector {
 }
 
 impl Sector {
+    /// The sector from the angle `start`, from the first tangent of the axis, on \[rad\].
+    fn new(axis: &Axis, start: f64, width: f64, rim: f64) -> Self {
+        let edge = |angle: f64| Vector2::new(-angle.sin(), angle.cos());
+        Self { axis: *axis, edges: [edge(start), -edge(start + width)], width, rim }
+    }
+
     /// The one sector in which no camera measured anything, where it is wider than the gaps of the part itself, which
     /// come at every fraction of a turn.
     fn unseen(surface: &Surface, axis: &Axis) -> Option<Self> {
@@ -109,9 +115,7 @@ impl Sector {
         let bin = TAU / BINS as f64;
         // The bins on either side are empty in part.
         let (start, width) = ((start as f64 - 1.0) * bin, (widest + 2) as f64 * bin);
-        let edge = |angle: f64| Vector2::new(-angle.sin(), angle.cos());
-        let edges = [edge(start), -edge(start + width)];
-        alone.then_some(Self { axis: *axis, edges, width, rim })
+        alone.then(|| Self::new(axis, start, width, rim))
     }
 
     /// Whether the straight way from one point to another leads through the sector.
@@ -133,5 +137,33 @@ impl Sector {
         }
         let nearest = if way == Vector2::zeros() { 0.0 } else { -begin.dot(&way) / way.norm_squared() };
         first <= last && (begin + way * nearest.clamp(first, last)).norm() <= self.rim
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use super::*;
+
+    #[test]
+    fn a_way_meets_a_sector_between_its_edges_and_within_its_rim() {
+        let axis = Axis { direction: Vector3::z_axis(), point: Vector3::new(5.0, 5.0, 0.0) };
+        let [u, v] = axis.tangents();
+        let at = |[x, y]: [f64; 2]| axis.point + u * x + v * y + Vector3::z();
+        // The quarter where both coordinates are positive, out to a distance of 1.
+        let sector = Sector::new(&axis, 0.0, FRAC_PI_2, 1.0);
+        let meets = |from, to| sector.meets(&at(from), &at(to)) && sector.meets(&at(to), &at(from));
+        assert!(meets([3.0, 3.0], [-0.5, -0.5]));
+        assert!(meets([1.2, -0.6], [-0.6, 1.2]));
+        assert!(meets([0.1, 3.0], [0.1, 0.5]));
+        let misses = |from, to| !sector.meets(&at(from), &at(to)) && !sector.meets(&at(to), &at(from));
+        // On the other side, past one edge, past the other, along both, and beyond the rim.
+        assert!(misses([-3.0, -3.0], [-0.5, -0.5]));
+        assert!(misses([3.0, -0.1], [0.5, -0.1]));
+        assert!(misses([-0.1, 3.0], [-0.1, 0.5]));
+        assert!(misses([-1.0, 0.5], [0.5, -1.0]));
+        assert!(misses([3.0, 3.0], [1.0, 1.0]));
+        assert!(misses([3.0, -1.0], [-1.0, 3.0]));
     }
 }
