@@ -193,6 +193,15 @@ impl Estimator {
         matching_pace(surface, axis, &Turns::half(order, params.max_turns), *residual, params)
     }
 
+    /// What errors in the places of the views add to the covariance of the axis found.
+    pub(crate) fn covariance_of_views(&self, prepared: &Prepared, axis: &Axis, order: Order) -> Matrix4<f64> {
+        let Config { residual, refine: params, .. } = self.config();
+        let turns = Turns::half(order, params.max_turns);
+        prepared.view_errors.as_ref().map_or_else(Matrix4::zeros, |errors| {
+            errors.covariance_of_axis(&prepared.surface, axis, &turns, *residual, params)
+        })
+    }
+
     /// What a match may differ in where an axis is judged.
     pub(crate) fn final_gate(&self, surface: &Surface) -> Gate {
         let params = &self.config().refine;

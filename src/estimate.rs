@@ -233,9 +233,10 @@ impl Estimator {
         let radius = 0.5 * prepared.diameter;
         let pace = self.pace(&prepared.surface, &axis, *order)?;
         stages.series("pace", pace.as_slice());
+        let of_views = self.covariance_of_views(prepared, &axis, *order);
         let sandwich = if is_turned_over { found.sandwich.reversed() } else { found.sandwich };
         let (covariance, unobservable) =
-            pose_covariance(&sandwich, &pace, radius, angle, origin.value, along);
+            pose_covariance(&sandwich, &pace, &of_views, radius, angle, origin.value, along);
         let posed = Posed { local_from_object, covariance, unobservable };
         Ok(Framed { axis, completion, histogram: heading.histogram, posed })
     }
@@ -302,6 +303,11 @@ fn note_evidence(
     stages.series("outcomes", &score.counts());
     if let Some(visibility) = &prepared.visibility {
         stages.number("dropout", visibility.dropout);
+    }
+    if let Some(errors) = &prepared.view_errors {
+        stages.number("view_shift", errors.shift);
+        stages.number("view_turn", errors.turn);
+        stages.number("view_noise", errors.noise);
     }
     stages.number("structured", detection.structured);
     stages.number("generic_evidence", detection.generic);

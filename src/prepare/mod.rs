@@ -17,6 +17,7 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::score::MatchScore;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::Surface;
+use crate::symmetry::view_errors::ViewErrors;
 use crate::symmetry::visibility::Visibility;
 use clean::{Cleaned, clean};
 use patches::Patches;
@@ -47,6 +48,8 @@ pub(crate) struct Prepared {
     pub ground: Option<[f64; 4]>,
     /// What the cameras saw to be empty.
     pub visibility: Option<Visibility>,
+    /// How far the views are off their places, where several of them saw the same surface.
+    pub view_errors: Option<ViewErrors>,
     /// Whether normals point outward, since viewpoints are known.
     pub outward: bool,
     /// Mean unit direction from the part to its sensors, short when they stand all round.
@@ -100,11 +103,12 @@ pub(crate) fn prepare(
 
     stages.begin("normals")?;
     let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
-    // Neither keeps both threads of a small machine busy.
-    let (mut surface, (inliers, point_of_inlier)) = rayon::join(
+    // None keeps both threads of a small machine busy.
+    let (mut surface, (looks, (inliers, point_of_inlier))) = rayon::join(
         || patches.surface(voxel_size, config.propose.gate * diameter),
-        || patches.inliers(&part),
+        || rayon::join(|| patches.looks(&part), || patches.inliers(&part)),
     );
+    let view_errors = looks.and_then(|looks| ViewErrors::measure(&looks, &surface));
     surface.assumed_view = part.assumed_view();
     let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
     let measured = patches.measured();
@@ -124,6 +128,7 @@ pub(crate) fn prepare(
         point_of_inlier,
         ground,
         visibility: visibility.map(supported),
+        view_errors,
         outward: part.has_viewpoints(),
         toward_sensors,
     })

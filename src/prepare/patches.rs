@@ -9,6 +9,14 @@ use super::voxels::Voxels;
 use crate::preprocess::{Sides, SmoothingParams, mean_heights, means, separate_sides};
 use crate::stages::Stages;
 use crate::symmetry::surface::{Samples, Surface};
+use crate::symmetry::view_errors::Looks;
+
+/// No point of the surface.
+const NONE: u32 = u32::MAX;
+
+/// Views whose errors are looked for, at most. A sensor that moves has a place for every line or picture, near places are
+/// joined, and what is left are too many for a table of all points by all views.
+const MAX_VIEWS: usize = 32;
 
 /// The patches of all voxels, and those that belong to the part.
 pub(super) struct Patches {
@@ -68,13 +76,18 @@ impl Patches {
         Self { sides, chosen, heights, measured, oriented, noisy: *noisy }
     }
 
-    /// Rows of the input behind the surface of `part`, ascending, and for each of them its point of the surface.
-    pub(super) fn inliers(&self, part: &Scene) -> (Vec<u32>, Vec<u32>) {
-        const NONE: u32 = u32::MAX;
+    /// For each patch its point of the surface, [`NONE`] where it is not of the part.
+    fn point_of_patch(&self) -> Vec<u32> {
         let mut point_of_patch = vec![NONE; self.sides.points.len()];
         for (point, &patch) in (0_u32..).zip(&self.chosen) {
             point_of_patch[patch as usize] = point;
         }
+        point_of_patch
+    }
+
+    /// Rows of the input behind the surface of `part`, ascending, and for each of them its point of the surface.
+    pub(super) fn inliers(&self, part: &Scene) -> (Vec<u32>, Vec<u32>) {
+        let point_of_patch = self.point_of_patch();
         let mut inliers = Vec::with_capacity(part.rows.len());
         let mut point_of_inlier = Vec::with_capacity(part.rows.len());
         for (row, &patch) in part.input_rows().zip(&self.sides.patch_of_point) {
@@ -85,6 +98,29 @@ impl Patches {
             }
         }
         (inliers, point_of_inlier)
+    }
+
+    /// What each view measured at the points of the surface; `None` for a single view, and for very many.
+    pub(super) fn looks(&self, part: &Scene) -> Option<Looks> {
+        let views = part.places.len();
+        if !(2..=MAX_VIEWS).contains(&views) {
+            return None;
+        }
+        let point_of_patch = self.point_of_patch();
+        let mut counts = vec![0.0; self.chosen.len() * views];
+        let mut heights = counts.clone();
+        for (i, (position, &patch)) in part.points.iter().zip(&self.sides.patch_of_point).enumerate() {
+            let point = point_of_patch[patch as usize];
+            if point == NONE {
+                continue;
+            }
+            let (mean, normal) = (&self.sides.points[patch as usize], &self.sides.normals[patch as usize]);
+            let height: f64 = (0..3).map(|axis| (position[axis] - mean[axis]) * normal[axis]).sum();
+            let cell = point as usize * views + part.place_of(i);
+            counts[cell] += 1.0;
+            heights[cell] += height as f32;
+        }
+        Some(Looks { views, counts, heights })
     }
 
     /// The points of the surface as they were measured \[length\].

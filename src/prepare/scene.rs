@@ -152,7 +152,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Number of the place that point `i` was seen from.
-    fn place_of(&self, i: usize) -> usize {
+    pub(super) fn place_of(&self, i: usize) -> usize {
         self.place_of_row(self.rows[i] as usize)
     }
 

@@ -1,11 +1,10 @@
 //! The self-alignment problem: rotated points against the measured surface, for fixed correspondences.
 
-use nalgebra::{Const, DimMin, Matrix3, Matrix3x4, Matrix4, SMatrix, SVector, Vector3, Vector4};
+use nalgebra::{Const, DimMin, Matrix3, Matrix3x4, SMatrix, SVector, Vector3, Vector4};
 use rayon::prelude::*;
 
 use crate::config::Residual;
 use crate::error::Result;
-use crate::median::median;
 use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::order::Turns;
 use crate::symmetry::robust::Huber;
@@ -97,22 +96,22 @@ pub struct SelfAlignment<'a> {
 }
 
 /// A rotation with all that the derivative needs; `lever` holds (R - I) applied to both tangents.
-struct Leverage {
+pub(super) struct Leverage {
     turn: Turn,
     lever: [Vector3<f64>; 2],
     weight: f64,
 }
 
 /// One row of one match.
-struct Term<'a> {
+pub(super) struct Term<'a> {
     leverage: &'a Leverage,
     /// From the axis to the point.
     arm: Vector3<f64>,
     /// Derivative of the residual by the position of the rotated point.
-    direction: Vector3<f64>,
-    residual: f64,
+    pub(super) direction: Vector3<f64>,
+    pub(super) residual: f64,
     /// Robust weight, times that of the rotation.
-    weight: f64,
+    pub(super) weight: f64,
     /// Robust cost of the whole match, given with its first row.
     cost: f64,
 }
@@ -120,60 +119,25 @@ struct Term<'a> {
 impl Term<'_> {
     /// Derivative of the residual by the position of the point.
     #[inline]
-    fn row(&self) -> Vector3<f64> {
+    pub(super) fn row(&self) -> Vector3<f64> {
         self.leverage.turn.rotation.tr_mul(&self.direction)
     }
 
     /// Derivative of the residual by tilt and shift of the axis: with q the rotated point, dq/d(tilt) = [R d]_x (R - I)
     /// and dq/d(shift) = I - R, in the plane normal to the axis.
     #[inline]
-    fn jacobian(&self) -> Vector4<f64> {
+    pub(super) fn jacobian(&self) -> Vector4<f64> {
         let [u, v] = &self.leverage.lever;
         let moment = self.direction.cross(&(self.leverage.turn.rotation * self.arm));
         Vector4::new(u.dot(&moment), v.dot(&moment), -u.dot(&self.direction), -v.dot(&self.direction))
     }
 
     /// How the rotated point moves with the four parameters, whatever the direction.
-    fn motion(&self) -> Matrix3x4<f64> {
+    pub(super) fn motion(&self) -> Matrix3x4<f64> {
         let [u, v] = &self.leverage.lever;
         let arm = self.leverage.turn.rotation * self.arm;
         Matrix3x4::from_columns(&[arm.cross(u), arm.cross(v), -u, -v])
     }
-}
-
-/// What the uncertainty of the axis is made of, by tilt about its two tangents and shift along them.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Sandwich {
-    /// J'WJ.
-    pub hessian: Matrix4<f64>,
-    /// Sum over patches of the outer product of J'Wr.
-    pub scatter: Matrix4<f64>,
-    /// What J'WJ would be if the surface left the axis free and only the noise of the normals held it, as on a ball.
-    pub noise: Matrix4<f64>,
-}
-
-impl Sandwich {
-    /// The same for the axis in the opposite direction, whose first tangent is opposite, too.
-    #[must_use]
-    pub fn reversed(&self) -> Self {
-        let turned = Matrix4::from_diagonal(&[-1.0, 1.0, -1.0, 1.0].into());
-        let Self { hessian, scatter, noise } = self;
-        let [hessian, scatter, noise] = [hessian, scatter, noise].map(|matrix| turned * matrix * turned);
-        Self { hessian, scatter, noise }
-    }
-}
-
-/// What one patch of the surface adds to a [`Sandwich`].
-#[derive(Default)]
-struct Patch {
-    hessian: Matrix4<f64>,
-    /// What J'WJ gains for each unit of variance of the normals, in each of the two directions across them.
-    aside: Matrix4<f64>,
-    /// Weighted sum of the variances of the normals, and of the weights.
-    turned: f64,
-    weight: f64,
-    /// J'Wr of this patch, and of those that its matches lie in.
-    gradients: Vec<Vector4<f64>>,
 }
 
 /// Normal equations of one point that may move in `D` directions: axis block, point block, and their coupling.
@@ -185,7 +149,7 @@ struct Block<const D: usize> {
 }
 
 impl SelfAlignment<'_> {
-    fn leverages(&self, axis: &Axis) -> Vec<Leverage> {
+    pub(super) fn leverages(&self, axis: &Axis) -> Vec<Leverage> {
         let tangents = axis.tangents();
         self.turns
             .iter()
@@ -234,7 +198,13 @@ impl SelfAlignment<'_> {
 
     /// Calls `f` with each row of each match of point `i`, and the point that it was matched to.
     #[inline]
-    fn visit(&self, unknowns: &Unknowns, leverages: &[Leverage], i: usize, mut f: impl FnMut(&Term, usize)) {
+    pub(super) fn visit(
+        &self,
+        unknowns: &Unknowns,
+        leverages: &[Leverage],
+        i: usize,
+        mut f: impl FnMut(&Term, usize),
+    ) {
         let point = self.samples.points[i] + self.offset(unknowns, i);
         let arm = point - unknowns.axis.point;
         for (leverage, matched) in leverages.iter().zip(self.correspondences.of(i)) {
@@ -322,57 +292,6 @@ impl SelfAlignment<'_> {
             }
         });
         offsets
-    }
-
-    /// J'WJ of the axis with the points held fixed, and the scatter of J'Wr over patches of the surface: the meat of the
-    /// sandwich, which holds whatever correlates neighbouring residuals (White 1980; Liang and Zeger 1986).
-    ///
-    /// A residual carries the noise of two points and counts in the patches of both, half of it in each.
-    #[must_use]
-    pub fn sandwich(&self, axis: &Axis) -> Sandwich {
-        /// Patches must be wider than the neighbourhoods that share their noise, which large noise makes wide.
-        const PATCHES: usize = 64;
-        let count = self.samples.points.len();
-        let size = count.div_ceil(PATCHES).max(1);
-        // The samples are spread evenly over the surface, so that a patch is the same share of both.
-        let patch_of_match = |j: usize| j * count / self.surface.len() / size;
-        let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
-        let leverages = self.leverages(axis);
-        let parts: Vec<Patch> = (0..count.div_ceil(size))
-            .into_par_iter()
-            .map(|patch| {
-                let mut sums = Patch { gradients: vec![Vector4::zeros(); PATCHES], ..Patch::default() };
-                for i in patch * size..((patch + 1) * size).min(count) {
-                    self.visit(&unknowns, &leverages, i, |term, j| {
-                        let jacobian = term.jacobian();
-                        let curvature = jacobian * (jacobian * term.weight).transpose();
-                        let motion = term.motion();
-                        sums.hessian += curvature;
-                        sums.aside += motion.tr_mul(&motion) * term.weight - curvature;
-                        // The direction halves the angle between the normals, and has half the variance of each.
-                        let cosine = term.direction.dot(&self.surface.samples.normals[j]);
-                        sums.turned += 0.5 * (1.0 - cosine * cosine) * term.weight;
-                        sums.weight += term.weight;
-                        let gradient = jacobian * (term.weight * term.residual);
-                        sums.gradients[patch] += gradient;
-                        sums.gradients[patch_of_match(j)] += gradient;
-                    });
-                }
-                sums
-            })
-            .collect();
-        let mut gradients = vec![Vector4::zeros(); PATCHES];
-        for patch in &parts {
-            gradients.iter_mut().zip(&patch.gradients).for_each(|(sum, row)| *sum += row);
-        }
-        // Creases are in few of the patches.
-        let noisy = parts.iter().filter(|patch| patch.weight > 0.0);
-        let variance = median(&mut noisy.map(|patch| patch.turned / patch.weight).collect::<Vec<f64>>());
-        Sandwich {
-            hessian: parts.iter().map(|patch| patch.hessian).sum(),
-            scatter: gradients.iter().map(|g| g * g.transpose()).sum(),
-            noise: parts.iter().map(|patch| patch.aside).sum::<Matrix4<f64>>() * variance.unwrap_or(0.0),
-        }
     }
 
     /// The normal of a point, along which it moves where distances are measured to planes.

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen};
 
 use crate::result::FreeDirection;
-use crate::symmetry::alignment::Sandwich;
+use crate::symmetry::sandwich::Sandwich;
 
 /// What is known of the frame beside the axis itself.
 #[derive(Debug, Clone, Copy)]
@@ -45,20 +45,25 @@ fn bounded_inverse(pace: &Matrix4<f64>) -> Matrix4<f64> {
 /// `pace` is the share of an error that shows in the residuals ([`matching_pace`]): matches are made anew wherever the
 /// axis is, so that J'WJ for fixed matches promises too much.
 ///
+/// `of_views` is the share of errors in the places of the views ([`ViewErrors`]): patches of the surface are too small to show it.
+///
 /// The inverse of J'WJ alone would be far too small: each point takes part in many residuals, and neighbours share their
 /// errors (Bonnabel et al., arXiv 1410.7632, on ICP).
 ///
 /// [`matching_pace`]: crate::symmetry::pace::matching_pace
+/// [`ViewErrors`]: crate::symmetry::view_errors::ViewErrors
 #[must_use]
 pub fn pose_covariance(
     sandwich: &Sandwich,
     pace: &Matrix4<f64>,
+    of_views: &Matrix4<f64>,
     radius: f64,
     heading: f64,
     height: f64,
     along: AlongAxis,
 ) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
     let (of_axis, mut free) = axis_covariance(sandwich, pace, radius);
+    let of_axis = of_axis + of_views;
     let embed = frame_from_axis(heading, height);
     let mut covariance = embed * of_axis * embed.transpose();
     covariance[(2, 2)] = along.yaw * along.yaw;
