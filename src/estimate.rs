@@ -15,6 +15,7 @@ use crate::frames::{check_pose, height_over, place, plane_in_world};
 use crate::locate::Aligned;
 use crate::prepare::Prepared;
 use crate::reference::{ORIENTED, Reference, Scan};
+use crate::remarks::misplaced_views;
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -154,6 +155,7 @@ impl Estimator {
                 outward: prepared.outward,
                 surface,
                 visibility: prepared.visibility.as_ref(),
+                view_errors: prepared.view_errors.as_ref(),
                 scan_from_object: posed.local_from_object,
                 order,
                 preferred: preferred(request, &prepared),
@@ -247,7 +249,8 @@ impl Estimator {
             format!("far points left out, a hundred times as far away as the scan is wide: {}", cloud.far())
         });
         let no_ground = self.config.ground == GroundMode::On && prepared.ground.is_none();
-        far.into_iter().chain(no_ground.then(|| NO_GROUND.to_owned())).collect()
+        let no_ground = no_ground.then(|| NO_GROUND.to_owned());
+        far.into_iter().chain(no_ground).chain(misplaced_views(prepared)).collect()
     }
 
     /// Match score of rotations by any angle.
@@ -307,7 +310,6 @@ fn note_evidence(
     if let Some(errors) = &prepared.view_errors {
         stages.number("view_shift", errors.shift);
         stages.number("view_turn", errors.turn);
-        stages.number("view_noise", errors.noise);
     }
     stages.number("structured", detection.structured);
     stages.number("generic_evidence", detection.generic);

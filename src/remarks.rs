@@ -155,6 +155,24 @@ pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
     })
 }
 
+/// Says so when views are off their places by more than the noise of what they measure.
+pub(crate) fn misplaced_views(prepared: &Prepared) -> Option<String> {
+    /// What matters of it [diameters].
+    const FAR: f64 = 0.001;
+    /// What noise and the edges of thin blades do not bring about [noise of a measurement].
+    const CLEAR: f64 = 1.0;
+    let errors = prepared.view_errors.as_ref()?;
+    let at_rim = errors.shift.hypot(errors.turn * prepared.surface.radius);
+    (at_rim > FAR * prepared.diameter && at_rim > CLEAR * errors.noise).then(|| {
+        format!(
+            "the views do not fit each other: each is off by about {:.2} % of the diameter of the part and {:.2} degrees; \
+             check where the sensors stood (the covariance allows for it)",
+            100.0 * errors.shift / prepared.diameter,
+            errors.turn.to_degrees()
+        )
+    })
+}
+
 /// Says so when an order holds although a sector about the axis shows nothing of it.
 fn unseen_sector(width: f64) -> String {
     format!(

@@ -12,6 +12,7 @@ use crate::result::FreeDirection;
 use crate::symmetry::covariance::INFLATION;
 use crate::symmetry::robust::{Huber, robust_sigma};
 use crate::symmetry::surface::{Gate, Samples};
+use crate::symmetry::view_errors::{ViewErrors, rigid_row};
 
 /// Width of Huber's loss [standard deviations of the residual].
 const HUBER_WIDTH: f64 = 1.345;
@@ -33,6 +34,8 @@ pub(super) struct Fit {
     hessian: Matrix6<f64>,
     /// Sum over patches of the scan of the outer product of J'Wr.
     scatter: Matrix6<f64>,
+    /// The same for errors in the places of the views.
+    scatter_of_views: Matrix6<f64>,
 }
 
 /// One scan point matched to the surface.
@@ -73,6 +76,7 @@ impl Fit {
             sigma: 0.0,
             hessian: Matrix6::zeros(),
             scatter: Matrix6::zeros(),
+            scatter_of_views: Matrix6::zeros(),
         };
         for &gate in gates {
             for _ in 0..ROUNDS {
@@ -126,6 +130,34 @@ impl Fit {
         sum
     }
 
+    /// Finds what errors in the places of the views do to J'Wr.
+    pub(super) fn consider_views(
+        &mut self,
+        surface: &Sides,
+        samples: &Samples,
+        gate: f64,
+        errors: &ViewErrors,
+    ) {
+        let pose = self.object_from_scan;
+        let loss = Huber { width: HUBER_WIDTH * self.sigma };
+        let centroid = samples.points.iter().sum::<Vector3<f64>>() / samples.points.len().max(1) as f64;
+        let centroid = (pose * Point3::from(centroid)).coords;
+        let mut responses = vec![Matrix6::zeros(); errors.views];
+        for (i, row) in samples.points.iter().zip(&samples.normals).enumerate() {
+            let Some((point, plane, residual)) = residual(surface, &pose, row, gate) else { continue };
+            let moment = point.cross(&plane);
+            let jacobian = Vector6::new(moment.x, moment.y, moment.z, plane.x, plane.y, plane.z);
+            // Errors have no preferred direction, so that the frame does not matter.
+            let response =
+                jacobian * loss.weight(residual) * rigid_row(&plane, &(point - centroid), surface.radius);
+            for (sum, &share) in responses.iter_mut().zip(errors.shares(i)).filter(|(_, share)| **share > 0.0)
+            {
+                *sum += response * f64::from(share);
+            }
+        }
+        self.scatter_of_views = errors.scatter(&responses, surface.radius);
+    }
+
     /// The 6x6 covariance in the object frame and its free directions, as those of an estimate.
     ///
     /// Neighbouring residuals share their errors, which the scatter over patches holds.
@@ -152,8 +184,8 @@ impl Fit {
                 }
             }
         }
-        let spread = inverse * scale * self.scatter * scale * inverse;
-        let mut covariance = INFLATION * scale * spread * scale;
+        let scatter = INFLATION * self.scatter + self.scatter_of_views;
+        let mut covariance = scale * inverse * scale * scatter * scale * inverse * scale;
         for i in (0..6).filter(|i| free[*i]) {
             covariance.row_mut(i).fill(0.0);
             covariance.column_mut(i).fill(0.0);

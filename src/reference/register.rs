@@ -15,6 +15,7 @@ use crate::symmetry::axis::Turn;
 use crate::symmetry::order::Order;
 use crate::symmetry::score::{MatchScore, outcome};
 use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::view_errors::ViewErrors;
 use crate::symmetry::visibility::Visibility;
 
 /// Largest distance of a match [diameters].
@@ -67,6 +68,8 @@ pub(crate) struct Scan<'a> {
     pub surface: &'a Surface,
     /// What the cameras saw to be empty.
     pub visibility: Option<&'a Visibility>,
+    /// How far the views are off their places.
+    pub view_errors: Option<&'a ViewErrors>,
     /// Pose by symmetry alone.
     pub scan_from_object: Isometry3<f64>,
     /// Order about it.
@@ -141,7 +144,10 @@ impl Reference {
 
         let sides = self.sides(scan.outward);
         let gates = [GATE * self.cell()];
-        let fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
+        let mut fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
+        if let Some(errors) = scan.view_errors {
+            fit.consider_views(sides, scan.samples, gates[0], errors);
+        }
         let overlap = overlap(sides, &judged, &fit.object_from_scan, self.cell());
         let agreement = self.agreement(scan, &fit.object_from_scan);
         let warnings = warnings(overlap, freedom);

@@ -10,7 +10,7 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Turns;
 use crate::symmetry::refine::RefineParams;
 use crate::symmetry::robust::Huber;
-use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::surface::{Gate, Samples, Surface};
 
 /// What each view measured near each point of a surface.
 #[derive(Debug, Clone)]
@@ -27,7 +27,8 @@ pub struct Looks {
 /// it out.
 #[derive(Debug, Clone)]
 pub struct ViewErrors {
-    views: usize,
+    /// Number of views.
+    pub views: usize,
     /// For each point of the surface and each view, its share of the measurements there.
     shares: Vec<f32>,
     /// Standard deviation of the place of a view, in each of three directions \[length\].
@@ -49,39 +50,34 @@ const SHARED: f64 = 0.15;
 const SAMPLES: usize = 4_000;
 
 impl ViewErrors {
-    /// Measures how far apart views lie where they see the same surface. `None` where
-    /// hardly any do.
+    /// Measures how far apart views lie where they see the same surface. `None` where hardly any do.
     ///
     /// Each view has a rigid error of its own; the heights of its measurements over what all of them say together are linear
     /// in it. Errors of all views are drawn from one distribution, whose two variances are found as in a model with random
     /// effects (Laird and Ware 1982, by expectation maximisation): what a view does not show of its error says nothing.
     #[must_use]
     pub fn measure(looks: &Looks, surface: &Surface) -> Option<Self> {
-        /// Noise is known only once the errors are, and these only once outliers are told from noise.
+        /// Outliers are told from noise beside the errors, which are known only once outliers are left out.
         const ROUNDS: usize = 2;
         let views = looks.views;
         let mut errors = vec![Vector6::zeros(); views];
         let mut noise = looks.noise(surface, &errors)?;
         let mut variances = [0.0; 2];
         for _ in 0..ROUNDS {
-            let evidence = looks.evidence(surface, &errors, noise);
-            (variances, errors) = draw(&evidence, surface.radius)?;
+            (variances, errors) = draw(&looks.evidence(surface, &errors, noise), surface.radius)?;
+            // A view was compared with the others, which are off as well.
+            let own = (views - 1) as f64 / views as f64;
+            variances = variances.map(|variance| variance * own);
+            errors.iter_mut().for_each(|error| *error *= own);
             noise = looks.noise(surface, &errors)?;
         }
-        // Each view was compared with the others, which are off as well.
-        let [shift, turn] = variances.map(|variance| (variance * (views - 1) as f64 / views as f64).sqrt());
+        let [shift, turn] = variances.map(f64::sqrt);
         let share = |row: &[f32]| {
             let total = row.iter().sum::<f32>().max(1.0);
             row.iter().map(|count| count / total).collect::<Vec<_>>()
         };
         let shares = looks.counts.chunks_exact(views).flat_map(share).collect();
         Some(Self { views, shares, shift, turn: turn / surface.radius, noise })
-    }
-
-    /// How far a view is off at the rim of the surface \[length\].
-    #[must_use]
-    pub fn at_rim(&self, surface: &Surface) -> f64 {
-        self.shift.hypot(self.turn * surface.radius)
     }
 
     /// What these errors add to the covariance of `axis`, by tilt about both tangents \[rad\] and shift along both \[length\],
@@ -115,38 +111,54 @@ impl ViewErrors {
         };
         let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
         let leverages = problem.leverages(axis);
-        let shares = |point: usize| &self.shares[point * self.views..(point + 1) * self.views];
+        let row = |direction: &Vector3<f64>, point: &Vector3<f64>| {
+            rigid_row(direction, &(point - surface.centroid), surface.radius)
+        };
         let mut hessian = Matrix4::zeros();
         let mut responses = vec![SMatrix::<f64, 4, 6>::zeros(); self.views];
         for i in 0..count {
-            let moved = shares(i * surface.len() / count);
+            let moved = self.shares(i * surface.len() / count);
             problem.visit(&unknowns, &leverages, i, |term, j| {
                 let weighted = term.jacobian() * term.weight;
                 hessian += weighted * term.jacobian().transpose();
-                let from = rigid_row(surface, &term.row(), &samples.points[i]);
-                let to = rigid_row(surface, &term.direction, &surface.samples.points[j]);
-                for ((response, &moved), &met) in responses.iter_mut().zip(moved).zip(shares(j)) {
+                let from = row(&term.row(), &samples.points[i]);
+                let to = row(&term.direction, &surface.samples.points[j]);
+                for ((response, &moved), &met) in responses.iter_mut().zip(moved).zip(self.shares(j)) {
                     if moved + met > 0.0 {
                         *response += weighted * (from * f64::from(moved) - to * f64::from(met));
                     }
                 }
             });
         }
-        let Some(inverse) = hessian.try_inverse() else { return Matrix4::zeros() };
-        let (shift, turn) = (self.shift, self.turn * surface.radius);
-        let spread = Vector6::new(shift, shift, shift, turn, turn, turn);
-        let scatter = responses.iter().map(|response| {
-            let moved = inverse * response * Matrix6::from_diagonal(&spread);
+        let inverse = hessian.try_inverse().unwrap_or_default();
+        inverse * self.scatter(&responses, surface.radius) * inverse
+    }
+
+    /// The share of each view in the measurements of a point.
+    pub(crate) fn shares(&self, point: usize) -> &[f32] {
+        &self.shares[point * self.views..(point + 1) * self.views]
+    }
+
+    /// Covariance of what answers to the errors of each view as `responses` say, in terms of a [`rigid_row`] with `radius`.
+    pub(crate) fn scatter<const R: usize>(
+        &self,
+        responses: &[SMatrix<f64, R, 6>],
+        radius: f64,
+    ) -> SMatrix<f64, R, R> {
+        let (shift, turn) = (self.shift, self.turn * radius);
+        let spread = Matrix6::from_diagonal(&Vector6::new(shift, shift, shift, turn, turn, turn));
+        let of_view = |response: &SMatrix<f64, R, 6>| {
+            let moved = response * spread;
             moved * moved.transpose()
-        });
-        scatter.sum()
+        };
+        responses.iter().map(of_view).sum()
     }
 }
 
-/// Derivative of the height along `normal` by a rigid motion of `point`: by its shift, and by its rotation about the centroid of
-/// the surface, as the shift that this is at the radius.
-fn rigid_row(surface: &Surface, normal: &Vector3<f64>, point: &Vector3<f64>) -> RowVector6<f64> {
-    let moment = (point - surface.centroid).cross(normal) / surface.radius;
+/// Derivative of the height along `normal` by a rigid motion of the point at `arm` from the centroid of the surface: by its shift,
+/// and by its rotation about the centroid, as the shift that this is at `radius`.
+pub(crate) fn rigid_row(normal: &Vector3<f64>, arm: &Vector3<f64>, radius: f64) -> RowVector6<f64> {
+    let moment = arm.cross(normal) / radius;
     RowVector6::new(normal.x, normal.y, normal.z, moment.x, moment.y, moment.z)
 }
 
@@ -159,37 +171,48 @@ struct Evidence {
 
 /// Where a view and others saw the same point.
 struct Shared {
-    point: usize,
+    /// Derivative of a height by the error of its view.
+    row: RowVector6<f64>,
     /// Measurements of the view.
     count: f64,
     /// Their share in all.
     share: f64,
     /// Their mean height over all \[length\].
     height: f64,
+    /// What the errors of all views leave of it, as that of a single measurement \[length\].
+    left: f64,
 }
 
 impl Looks {
-    fn shared(&self, view: usize) -> impl Iterator<Item = Shared> {
-        let rows = self.counts.chunks_exact(self.views).zip(self.heights.chunks_exact(self.views));
-        rows.enumerate().filter_map(move |(point, (counts, heights))| {
+    /// The points that `view` shares with others.
+    fn shared(
+        &self,
+        view: usize,
+        surface: &Surface,
+        errors: &[Vector6<f64>],
+    ) -> impl Iterator<Item = Shared> {
+        let Samples { points, normals } = &surface.samples;
+        let seen = self.counts.chunks_exact(self.views).zip(self.heights.chunks_exact(self.views));
+        seen.zip(points.iter().zip(normals)).filter_map(move |((counts, heights), (point, normal))| {
             let count = counts[view];
             let total: f32 = counts.iter().sum();
-            (count > 0.0 && count < total).then(|| Shared {
-                point,
-                count: f64::from(count),
-                share: f64::from(count / total),
-                height: f64::from(heights[view] / count),
-            })
+            if count == 0.0 || count == total {
+                return None;
+            }
+            let row = rigid_row(normal, &(point - surface.centroid), surface.radius);
+            let lift = |(seen, error): (&f32, &Vector6<f64>)| f64::from(seen / total) * (row * error)[0];
+            let mean: f64 = counts.iter().zip(errors).filter(|(seen, _)| **seen > 0.0).map(lift).sum();
+            let [count, share, height] = [count, count / total, heights[view] / count].map(f64::from);
+            // The view has a share in the mean over which heights are taken.
+            let left = (height + mean - (row * errors[view])[0]) * (count / (1.0 - share)).sqrt();
+            Some(Shared { row, count, share, height, left })
         })
     }
 
     /// Standard deviation of a measurement beside the `errors` of the views \[length\]; `None` where no two views share a point.
     fn noise(&self, surface: &Surface, errors: &[Vector6<f64>]) -> Option<f64> {
-        let of_view = |view: usize| -> Vec<f64> {
-            let left = |shared: Shared| shared.left(surface, &errors[view]) * shared.count.sqrt();
-            self.shared(view).map(left).collect()
-        };
-        let mut left = (0..self.views).into_par_iter().map(of_view).collect::<Vec<_>>().concat();
+        let of_view = |view: usize| self.shared(view, surface, errors).map(|shared| shared.left).collect();
+        let mut left = (0..self.views).into_par_iter().map(of_view).collect::<Vec<Vec<f64>>>().concat();
         (!left.is_empty()).then(|| robust_sigma(&mut left).max(1e-6 * surface.spacing))
     }
 
@@ -200,12 +223,11 @@ impl Looks {
             let (mut information, mut weighted) = (Matrix6::zeros(), Vector6::zeros());
             let all: f64 = self.counts.iter().skip(view).step_by(self.views).copied().map(f64::from).sum();
             let mut in_common = 0.0;
-            for shared in self.shared(view) {
-                in_common += shared.count;
-                if shared.left(surface, &errors[view]).abs() * shared.count.sqrt() < OUTLYING * noise {
-                    let row = shared.row(surface).transpose();
-                    information += row * row.transpose() * (shared.count * (1.0 - shared.share));
-                    weighted += row * (shared.count * shared.height);
+            for Shared { row, count, share, height, left } in self.shared(view, surface, errors) {
+                in_common += count;
+                if left.abs() < OUTLYING * noise {
+                    information += row.transpose() * row * (count * (1.0 - share));
+                    weighted += row.transpose() * (count * height);
                 }
             }
             (in_common > SHARED * all).then(|| Evidence {
@@ -214,17 +236,6 @@ impl Looks {
             })
         };
         (0..self.views).into_par_iter().map(of_view).collect()
-    }
-}
-
-impl Shared {
-    fn row(&self, surface: &Surface) -> RowVector6<f64> {
-        rigid_row(surface, &surface.samples.normals[self.point], &surface.samples.points[self.point])
-    }
-
-    /// What an error of the view leaves of the height. The view has a share in the mean that heights are taken over.
-    fn left(&self, surface: &Surface, error: &Vector6<f64>) -> f64 {
-        self.height - (1.0 - self.share) * (self.row(surface) * error)[0]
     }
 }
 

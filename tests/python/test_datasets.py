@@ -321,7 +321,7 @@ def test_an_unknown_scenario_and_bad_options_are_refused() -> None:
     bad = {
         "views": 0, "seed": -1, "scale": 0.0, "sigma": -1.0, "outliers": 1.0, "dropout": 1.5,
         "wedge_deg": 360.0,
-        "falloff": np.nan, "warp": np.inf, "flying_pixels": -0.1,
+        "falloff": np.nan, "warp": np.inf, "flying_pixels": -0.1, "view_shift": -1.0, "view_turn_deg": 360.0,
     }  # fmt: skip
     for option, value in bad.items():
         with pytest.raises(InvalidInputError, match=option):
@@ -408,6 +408,26 @@ def test_warp_bends_without_moving_the_part() -> None:
         np.linalg.norm(np.diff(plain.scene.points, axis=0), axis=1) < 0.2
     ]
     assert np.median(near) < 0.05 * 0.1
+
+
+def test_misplaced_views_move_as_a_whole_with_all_that_they_saw() -> None:
+    plain, one = (scan(part("flange_8"), sigma=0.0, views=12, scale=10.0, **far) for far in (
+        {}, {"view_shift": 0.01, "view_turn_deg": 0.5}
+    ))  # fmt: skip
+    shifts, turns = [], []
+    for k, (was, now) in enumerate(zip(plain.scene.views, one.scene.views, strict=True)):
+        motion = now.world_from_camera @ np.linalg.inv(was.world_from_camera)
+        mine = plain.view_of_point == k
+        moved = plain.scene.points[mine] @ motion[:3, :3].T + motion[:3, 3]
+        np.testing.assert_allclose(one.scene.points[mine], moved, atol=1e-9)
+        np.testing.assert_allclose(
+            one.scene.viewpoints[mine], now.center[None].repeat(mine.sum(), 0), atol=1e-9
+        )
+        turns.append(Rotation.from_matrix(motion[:3, :3]).as_rotvec(degrees=True))
+        shifts.append(motion[:3, :3] @ plain.center + motion[:3, 3] - plain.center)
+    assert np.sqrt(np.square(turns).mean()) == pytest.approx(0.5, rel=0.4)
+    assert np.sqrt(np.square(shifts).mean()) == pytest.approx(0.1, rel=0.4)
+    np.testing.assert_array_equal(one.world_from_object, plain.world_from_object)
 
 
 # ---- folders of meshes --------------------------------------------------------------------------------

@@ -73,6 +73,8 @@ def scan(
     falloff: float = 0.0,
     warp: float = 0.0,
     outliers: float = 0.0,
+    view_shift: float = 0.0,
+    view_turn_deg: float = 0.0,
 ) -> Scan:
     """Scan a part with the virtual depth camera, 2.2 diameters away, at a random pose in the world.
 
@@ -97,6 +99,9 @@ def scan(
         falloff: Points are kept with a probability that falls with this power of the distance to the camera.
         warp: Root mean square of a smooth deformation of the whole scene, in diameters.
         outliers: Share of uniform points, among all, in the bounding box of the scan.
+        view_shift: How far a view is off where it is said to be, as the standard deviation in each of three
+            directions, in diameters.
+        view_turn_deg: The same for its rotation about the part.
 
     Raises:
         InvalidInputError: There is no such scenario, or an option is out of its range.
@@ -116,8 +121,8 @@ def scan(
     if not 0.0 < scale < np.inf:
         raise InvalidInputError(f"scale must be positive and finite, got {scale!r}")
     _check_range(1.0, flying_pixels=flying_pixels, dropout=dropout, outliers=outliers)
-    _check_range(360.0, wedge_deg=wedge_deg)
-    _check_range(np.inf, sigma=sigma, falloff=falloff, warp=warp)
+    _check_range(360.0, wedge_deg=wedge_deg, view_turn_deg=view_turn_deg)
+    _check_range(np.inf, sigma=sigma, falloff=falloff, warp=warp, view_shift=view_shift)
     size = scale
     if not isinstance(part, Part):
         size = scale * diameter(part)
@@ -157,6 +162,19 @@ def scan(
     if warp:
         bent = stress.warp_smoothly(cloud.points, cloud.label == 0, warp, stream("warp"))
         cloud = replace(cloud, points=bent)
+
+    if view_shift or view_turn_deg:
+        errors = [
+            stress.misplace(target, view_shift, view_turn_deg, stream(f"place {k}")) for k in range(views)
+        ]
+        points = cloud.points.copy()
+        for k, error in enumerate(errors):
+            points[cloud.view == k] = _move(error, points[cloud.view == k])
+        cloud = replace(cloud, points=points)
+        part_views = [
+            replace(view, world_from_camera=error @ view.world_from_camera)
+            for view, error in zip(part_views, errors, strict=True)
+        ]
 
     pose = random_pose(stream("pose"), 3.0 * size)
     cloud = replace(cloud, points=_place(cloud.points, pose, size))
@@ -229,6 +247,11 @@ def _target(part: Part) -> NDArray[np.float64]:
     if part.order is None:
         return np.asarray(middle)
     return np.asarray(part.center + ((middle - part.center) @ part.axis) * part.axis)
+
+
+def _move(motion: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (N, 3) after a rigid motion (4, 4)."""
+    return turn(motion[:3, :3], points) + motion[:3, 3]
 
 
 def _place(points: NDArray[np.float64], pose: NDArray[np.float64], size: float) -> NDArray[np.float64]:

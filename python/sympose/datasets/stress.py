@@ -8,7 +8,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["add_outliers", "cut_wedge", "drop_blobs", "fly_edges", "thin_with_distance", "warp_smoothly"]
+__all__ = [
+    "add_outliers",
+    "cut_wedge",
+    "drop_blobs",
+    "fly_edges",
+    "misplace",
+    "thin_with_distance",
+    "warp_smoothly",
+]
 
 _EDGE = 0.03  # diameters; a larger jump of the distance is an edge
 _FLIGHT = 0.3  # diameters; the farthest that a pixel flies off an edge
@@ -95,6 +103,28 @@ def warp_smoothly(
     offset = offset - rigid(points) @ motion
     size = np.sqrt((offset[on_part] ** 2).sum(axis=1).mean()) if on_part.any() else 1.0
     return np.asarray(points + offset * (amount / size if size > 0.0 else 0.0))
+
+
+def misplace(
+    center: NDArray[np.float64], shift: float, turn_deg: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw the error of a view that is not quite where it is said to be.
+
+    Args:
+        center: (3,) what it turns about.
+        shift, turn_deg: Standard deviations in, and about, each of three directions.
+
+    Returns:
+        (4, 4) rigid motion from where it is to where it is said to be.
+    """
+    vector = np.radians(turn_deg) * rng.normal(size=3)
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle > 0.0 else vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    error = np.eye(4)
+    error[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    error[:3, 3] = center - error[:3, :3] @ center + shift * rng.normal(size=3)
+    return error
 
 
 def add_outliers(points: NDArray[np.float64], share: float, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -86,10 +86,11 @@ def covariance_table(rows: Sequence[Row]) -> str:
     The root mean square of error over stated, scan by scan, is 1 where the uncertainty is right. One scan
     with a large stated deviation, maybe rightly so, does not hide the others in it, as it does in a mean.
 
-    Only of answers within 1 deg to scans with no other trouble than noise: the covariance is that of noise
-    about a solution, not of a wrong one.
+    Only of answers within 1 deg to scans with no other trouble than noise and views off their places: the
+    covariance is that of a solution, not of a wrong one.
     """
-    noisy = {one.label for one in (SPHERE, ONE_VIEW, THREE_SIGMA, FIVE_SIGMA, *MORE_VIEWS)}
+    misplaced = STRESSED["misplaced_views"]
+    noisy = {one.label for one in (SPHERE, ONE_VIEW, THREE_SIGMA, FIVE_SIGMA, *MORE_VIEWS, misplaced)}
     known = [
         row
         for row in rows

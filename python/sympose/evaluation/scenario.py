@@ -26,6 +26,7 @@ STRESS: dict[str, dict[str, Any]] = {
     "flying_pixels": {"flying_pixels": 0.5},
     "dropout": {"dropout": 0.3},
     "warp": {"warp": 0.005},
+    "misplaced_views": {"view_shift": 0.002, "view_turn_deg": 0.15},
 }
 
 
@@ -54,6 +55,8 @@ class Scenario:
     falloff: float = 0.0
     warp: float = 0.0
     outliers: float = 0.0
+    view_shift: float = 0.0
+    view_turn_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if self.place not in SCENARIOS:
