@@ -307,9 +307,9 @@ fn note_evidence(
     if let Some(visibility) = &prepared.visibility {
         stages.number("dropout", visibility.dropout);
     }
-    if let Some(errors) = &prepared.view_errors {
-        stages.number("view_shift", errors.shift);
-        stages.number("view_turn", errors.turn);
+    if let Some(spread) = prepared.view_errors.as_ref().and_then(|errors| errors.spread) {
+        stages.number("view_shift", spread.shift);
+        stages.number("view_turn", spread.turn);
     }
     stages.number("structured", detection.structured);
     stages.number("generic_evidence", detection.generic);

@@ -9,6 +9,7 @@ use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
 use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::{Found, group_size};
+use crate::symmetry::view_errors::Spread;
 
 /// What is remarked on an answer.
 pub(crate) struct Remarks {
@@ -161,14 +162,14 @@ pub(crate) fn misplaced_views(prepared: &Prepared) -> Option<String> {
     const FAR: f64 = 0.001;
     /// What noise and the edges of thin blades do not bring about [noise of a measurement].
     const CLEAR: f64 = 1.0;
-    let errors = prepared.view_errors.as_ref()?;
-    let at_rim = errors.shift.hypot(errors.turn * prepared.surface.radius);
-    (at_rim > FAR * prepared.diameter && at_rim > CLEAR * errors.noise).then(|| {
+    let Spread { shift, turn, noise } = prepared.view_errors.as_ref()?.spread?;
+    let at_rim = shift.hypot(turn * prepared.surface.radius);
+    (at_rim > FAR * prepared.diameter && at_rim > CLEAR * noise).then(|| {
         format!(
             "the views do not fit each other: each is off by about {:.2} % of the diameter of the part and {:.2} degrees; \
              check where the sensors stood (the covariance allows for it)",
-            100.0 * errors.shift / prepared.diameter,
-            errors.turn.to_degrees()
+            100.0 * shift / prepared.diameter,
+            turn.to_degrees()
         )
     })
 }

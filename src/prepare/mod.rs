@@ -48,7 +48,7 @@ pub(crate) struct Prepared {
     pub ground: Option<[f64; 4]>,
     /// What the cameras saw to be empty.
     pub visibility: Option<Visibility>,
-    /// How far the views are off their places, where several of them saw the same surface.
+    /// How far the views are off their places, where there are several.
     pub view_errors: Option<ViewErrors>,
     /// Whether normals point outward, since viewpoints are known.
     pub outward: bool,
@@ -108,7 +108,7 @@ pub(crate) fn prepare(
         || patches.surface(voxel_size, config.propose.gate * diameter),
         || rayon::join(|| patches.looks(&part), || patches.inliers(&part)),
     );
-    let view_errors = looks.and_then(|looks| ViewErrors::measure(&looks, &surface));
+    let view_errors = looks.map(|looks| ViewErrors::measure(&looks, &surface));
     surface.assumed_view = part.assumed_view();
     let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
     let measured = patches.measured();

@@ -138,6 +138,7 @@ impl Fit {
         gate: f64,
         errors: &ViewErrors,
     ) {
+        let Some(spread) = errors.spread else { return };
         let pose = self.object_from_scan;
         let loss = Huber { width: HUBER_WIDTH * self.sigma };
         let centroid = samples.points.iter().sum::<Vector3<f64>>() / samples.points.len().max(1) as f64;
@@ -155,7 +156,7 @@ impl Fit {
                 *sum += response * f64::from(share);
             }
         }
-        self.scatter_of_views = errors.scatter(&responses, surface.radius);
+        self.scatter_of_views = spread.scatter(&responses, surface.radius);
     }
 
     /// The 6x6 covariance in the object frame and its free directions, as those of an estimate.

@@ -28,5 +28,6 @@ pub mod sight;
 pub mod solver;
 pub mod surface;
 pub(crate) mod sweep;
+mod view_axes;
 pub mod view_errors;
 pub mod visibility;

@@ -1,6 +1,6 @@
 //! How well the views fit each other: errors in the places of the cameras, and what they do to the axis.
 
-use nalgebra::{Matrix4, Matrix6, RowVector6, SMatrix, Vector3, Vector6};
+use nalgebra::{Matrix4, Matrix6, RowVector6, SMatrix, SVector, Vector3, Vector6};
 use rayon::prelude::*;
 
 use crate::config::Residual;
@@ -11,6 +11,7 @@ use crate::symmetry::order::Turns;
 use crate::symmetry::refine::RefineParams;
 use crate::symmetry::robust::Huber;
 use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::view_axes::covariance_of_view_axes;
 
 /// What each view measured near each point of a surface.
 #[derive(Debug, Clone)]
@@ -23,20 +24,26 @@ pub struct Looks {
     pub heights: Vec<f32>,
 }
 
-/// How far views are off their places. All that a view measured is off in the same way, so that no number of points averages
-/// it out.
-#[derive(Debug, Clone)]
-pub struct ViewErrors {
-    /// Number of views.
-    pub views: usize,
-    /// For each point of the surface and each view, its share of the measurements there.
-    shares: Vec<f32>,
+/// How far views are off their places.
+#[derive(Debug, Clone, Copy)]
+pub struct Spread {
     /// Standard deviation of the place of a view, in each of three directions \[length\].
     pub shift: f64,
     /// Standard deviation of its rotation about the centroid of the surface, about each of three directions \[rad\].
     pub turn: f64,
-    /// Standard deviation of a measurement beside these errors \[length\].
+    /// Standard deviation of a measurement beside these errors \[length\]; a part of them is left in it.
     pub noise: f64,
+}
+
+/// Errors of the views: all that a view measured is off in the same way, so that no number of points averages it out.
+#[derive(Debug, Clone)]
+pub struct ViewErrors {
+    /// Number of views.
+    pub views: usize,
+    /// Their size; `None` where hardly any of them saw the same surface.
+    pub spread: Option<Spread>,
+    /// For each point of the surface and each view, its share of the measurements there.
+    shares: Vec<f32>,
 }
 
 /// Heights beyond this are of another surface [their standard deviation].
@@ -50,34 +57,15 @@ const SHARED: f64 = 0.15;
 const SAMPLES: usize = 4_000;
 
 impl ViewErrors {
-    /// Measures how far apart views lie where they see the same surface. `None` where hardly any do.
-    ///
-    /// Each view has a rigid error of its own; the heights of its measurements over what all of them say together are linear
-    /// in it. Errors of all views are drawn from one distribution, whose two variances are found as in a model with random
-    /// effects (Laird and Ware 1982, by expectation maximisation): what a view does not show of its error says nothing.
+    /// Measures how far apart views lie where they see the same surface.
     #[must_use]
-    pub fn measure(looks: &Looks, surface: &Surface) -> Option<Self> {
-        /// Outliers are told from noise beside the errors, which are known only once outliers are left out.
-        const ROUNDS: usize = 2;
-        let views = looks.views;
-        let mut errors = vec![Vector6::zeros(); views];
-        let mut noise = looks.noise(surface, &errors)?;
-        let mut variances = [0.0; 2];
-        for _ in 0..ROUNDS {
-            (variances, errors) = draw(&looks.evidence(surface, &errors, noise), surface.radius)?;
-            // A view was compared with the others, which are off as well.
-            let own = (views - 1) as f64 / views as f64;
-            variances = variances.map(|variance| variance * own);
-            errors.iter_mut().for_each(|error| *error *= own);
-            noise = looks.noise(surface, &errors)?;
-        }
-        let [shift, turn] = variances.map(f64::sqrt);
+    pub fn measure(looks: &Looks, surface: &Surface) -> Self {
         let share = |row: &[f32]| {
             let total = row.iter().sum::<f32>().max(1.0);
             row.iter().map(|count| count / total).collect::<Vec<_>>()
         };
-        let shares = looks.counts.chunks_exact(views).flat_map(share).collect();
-        Some(Self { views, shares, shift, turn: turn / surface.radius, noise })
+        let shares = looks.counts.chunks_exact(looks.views).flat_map(share).collect();
+        Self { views: looks.views, spread: looks.spread(surface), shares }
     }
 
     /// What these errors add to the covariance of `axis`, by tilt about both tangents \[rad\] and shift along both \[length\],
@@ -93,22 +81,22 @@ impl ViewErrors {
         residual: Residual,
         params: &RefineParams,
     ) -> Matrix4<f64> {
-        let samples = surface.samples.strided(SAMPLES);
-        let count = samples.points.len();
+        let samples = &surface.samples.strided(SAMPLES);
         let gate = Gate::new(params.gate * surface.spacing, params.max_normal_angle.cos());
-        let correspondences = Correspondences::find(surface, &samples, axis, turns, gate);
-        let mut found = residuals(surface, &samples, axis, turns, &correspondences, residual);
+        let correspondences = &Correspondences::find(surface, samples, axis, turns, gate);
+        let mut found = residuals(surface, samples, axis, turns, correspondences, residual);
         let width = params.huber_width * robust_sigma(&mut found).max(1e-9 * surface.radius);
-        let problem = SelfAlignment {
-            surface,
-            samples: &samples,
-            turns,
-            correspondences: &correspondences,
-            residual,
-            loss: Huber { width },
-            anchor: params.anchor,
-            max_offset: 0.0,
-        };
+        let (loss, anchor, max_offset) = (Huber { width }, params.anchor, 0.0);
+        let problem =
+            SelfAlignment { surface, samples, turns, correspondences, residual, loss, anchor, max_offset };
+        match &self.spread {
+            Some(spread) => self.response_of_axis(&problem, axis, spread),
+            None => covariance_of_view_axes(&problem, axis, self),
+        }
+    }
+
+    fn response_of_axis(&self, problem: &SelfAlignment, axis: &Axis, spread: &Spread) -> Matrix4<f64> {
+        let SelfAlignment { surface, samples, .. } = problem;
         let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
         let leverages = problem.leverages(axis);
         let row = |direction: &Vector3<f64>, point: &Vector3<f64>| {
@@ -116,8 +104,8 @@ impl ViewErrors {
         };
         let mut hessian = Matrix4::zeros();
         let mut responses = vec![SMatrix::<f64, 4, 6>::zeros(); self.views];
-        for i in 0..count {
-            let moved = self.shares(i * surface.len() / count);
+        for i in 0..samples.points.len() {
+            let moved = self.shares(i * surface.len() / samples.points.len());
             problem.visit(&unknowns, &leverages, i, |term, j| {
                 let weighted = term.jacobian() * term.weight;
                 hessian += weighted * term.jacobian().transpose();
@@ -131,14 +119,16 @@ impl ViewErrors {
             });
         }
         let inverse = hessian.try_inverse().unwrap_or_default();
-        inverse * self.scatter(&responses, surface.radius) * inverse
+        inverse * spread.scatter(&responses, surface.radius) * inverse
     }
 
     /// The share of each view in the measurements of a point.
     pub(crate) fn shares(&self, point: usize) -> &[f32] {
         &self.shares[point * self.views..(point + 1) * self.views]
     }
+}
 
+impl Spread {
     /// Covariance of what answers to the errors of each view as `responses` say, in terms of a [`rigid_row`] with `radius`.
     pub(crate) fn scatter<const R: usize>(
         &self,
@@ -151,7 +141,8 @@ impl ViewErrors {
             let moved = response * spread;
             moved * moved.transpose()
         };
-        responses.iter().map(of_view).sum()
+        let sum: SMatrix<f64, R, R> = responses.iter().map(of_view).sum();
+        sum * uncertain(3 * (responses.len() - 1))
     }
 }
 
@@ -162,11 +153,11 @@ pub(crate) fn rigid_row(normal: &Vector3<f64>, arm: &Vector3<f64>, radius: f64) 
     RowVector6::new(normal.x, normal.y, normal.z, moment.x, moment.y, moment.z)
 }
 
-/// What all heights that a view shares with others say of its error.
-struct Evidence {
-    information: Matrix6<f64>,
+/// What is known of the error of a view, in a few numbers: the first half of them are of one kind, the others of another.
+pub(super) struct Evidence<const R: usize> {
+    pub(super) information: SMatrix<f64, R, R>,
     /// The same times the error.
-    weighted: Vector6<f64>,
+    pub(super) weighted: SVector<f64, R>,
 }
 
 /// Where a view and others saw the same point.
@@ -184,6 +175,28 @@ struct Shared {
 }
 
 impl Looks {
+    /// How far the views are off their places; `None` where hardly any two see the same surface.
+    ///
+    /// Each view has a rigid error of its own; the heights of its measurements over what all of them say together are linear
+    /// in it.
+    fn spread(&self, surface: &Surface) -> Option<Spread> {
+        /// Outliers are told from noise beside the errors, which are known only once outliers are left out.
+        const ROUNDS: usize = 2;
+        let mut errors = vec![Vector6::zeros(); self.views];
+        let mut noise = self.noise(surface, &errors)?;
+        let mut variances = [0.0; 2];
+        for _ in 0..ROUNDS {
+            (variances, errors) = draw(&self.evidence(surface, &errors, noise), surface.radius)?;
+            // A view was compared with the others, which are off as well.
+            let own = (self.views - 1) as f64 / self.views as f64;
+            variances = variances.map(|variance| variance * own);
+            errors.iter_mut().for_each(|error| *error *= own);
+            noise = self.noise(surface, &errors)?;
+        }
+        let [shift, turn] = variances.map(f64::sqrt);
+        Some(Spread { shift, turn: turn / surface.radius, noise })
+    }
+
     /// The points that `view` shares with others.
     fn shared(
         &self,
@@ -218,7 +231,7 @@ impl Looks {
 
     /// What the heights say of the error of each view, but for those that `errors` and `noise` do not explain; `None` where a
     /// view shares too few.
-    fn evidence(&self, surface: &Surface, errors: &[Vector6<f64>], noise: f64) -> Vec<Option<Evidence>> {
+    fn evidence(&self, surface: &Surface, errors: &[Vector6<f64>], noise: f64) -> Vec<Option<Evidence<6>>> {
         let of_view = |view: usize| {
             let (mut information, mut weighted) = (Matrix6::zeros(), Vector6::zeros());
             let all: f64 = self.counts.iter().skip(view).step_by(self.views).copied().map(f64::from).sum();
@@ -239,37 +252,50 @@ impl Looks {
     }
 }
 
-/// Variances of shift and of turn at the radius [squared length], and the error of each view; `None` where there is no
+/// By how much a variance found from so few `degrees` of freedom is larger to whoever relies on it: that of Student's
+/// distribution, three at most.
+pub(super) fn uncertain(degrees: usize) -> f64 {
+    let degrees = degrees.max(3) as f64;
+    degrees / (degrees - 2.0)
+}
+
+/// Variances of the errors of views, of either kind [squared length], and the error of each view; `None` where there is no
 /// evidence. A view without any has an error of zero here.
-fn draw(evidence: &[Option<Evidence>], radius: f64) -> Option<([f64; 2], Vec<Vector6<f64>>)> {
-    /// Errors from which the search begins, and that are left of those of which nothing is known [radii].
-    const START: f64 = 1e-4;
+///
+/// Errors of all views are drawn from one distribution, whose variances make the evidence most likely (MacKay 1992, Bayesian
+/// interpolation): what a view does not show of its error counts for nothing.
+pub(super) fn draw<const R: usize>(
+    evidence: &[Option<Evidence<R>>],
+    radius: f64,
+) -> Option<([f64; 2], Vec<SVector<f64, R>>)> {
+    /// Errors from which the search begins [radii].
+    const START: f64 = 0.01;
+    /// Errors that count as none [radii].
+    const NOTHING: f64 = 1e-6;
     const ROUNDS: usize = 100;
     /// Change of both variances below which they are found.
     const TOLERANCE: f64 = 0.01;
-    let known = evidence.iter().flatten().count();
-    if known == 0 {
-        return None;
-    }
+    let half = R / 2;
+    evidence.iter().flatten().next()?;
+    let least = (NOTHING * radius).powi(2);
     let mut variances = [(START * radius).powi(2); 2];
-    let mut errors = vec![Vector6::zeros(); evidence.len()];
+    let mut errors = vec![SVector::zeros(); evidence.len()];
     for _ in 0..ROUNDS {
-        let [shift, turn] = variances.map(f64::recip);
-        let prior = Matrix6::from_diagonal(&Vector6::new(shift, shift, shift, turn, turn, turn));
-        let mut expected = [0.0; 2];
+        let prior = SMatrix::from_diagonal(&SVector::<f64, R>::from_fn(|i, _| variances[i / half].recip()));
+        // How many numbers the evidence determines, and the sum of their squares.
+        let (mut determined, mut squares) = ([0.0; 2], [0.0; 2]);
         for (error, of_view) in errors.iter_mut().zip(evidence) {
             let Some(Evidence { information, weighted }) = of_view else { continue };
             let posterior = (information + prior).try_inverse()?;
             *error = posterior * weighted;
-            for i in 0..6 {
-                expected[i / 3] += (error[i] * error[i] + posterior[(i, i)]) / (3 * known) as f64;
+            for i in 0..R {
+                determined[i / half] += 1.0 - posterior[(i, i)] / variances[i / half];
+                squares[i / half] += error[i] * error[i];
             }
         }
-        let change = |i: usize| (expected[i] / variances[i] - 1.0).abs();
-        let is_found = change(0) < TOLERANCE && change(1) < TOLERANCE;
-        // Errors of nothing are approached without an end.
-        variances = expected.map(|variance| variance.max((1e-9 * radius).powi(2)));
-        if is_found {
+        let before = variances;
+        variances = std::array::from_fn(|i| (squares[i] / determined[i].max(f64::MIN_POSITIVE)).max(least));
+        if (0..2).all(|i| (variances[i] / before[i] - 1.0).abs() < TOLERANCE) {
             break;
         }
     }

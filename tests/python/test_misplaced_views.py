@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 import sympose
 from sympose.datasets import Scan, part, scan
 from sympose.evaluation.covariance import is_inside, stated_figures
+from sympose.evaluation.metrics import axis_angle_deg
 
 SHIFT, TURN_DEG = 0.002, 0.15  # diameters, degrees
 
@@ -24,9 +27,9 @@ def said(found: sympose.Estimate) -> list[str]:
     return [warning for warning in found.warnings if "views do not fit each other" in warning]
 
 
-@pytest.mark.parametrize("views", [2, 5, 12])
+@pytest.mark.parametrize("views", [3, 5, 12])
 def test_errors_of_the_views_are_measured(views: int) -> None:
-    found = [estimate(misplaced("wheel_hub_5", seed, views)).diagnostics for seed in range(1, 5)]
+    found = [estimate(misplaced("wheel_hub_5", seed, views)).diagnostics for seed in range(1, 7)]
     shift = np.sqrt(np.mean([one["view_shift"] ** 2 for one in found]))
     turn = np.degrees(np.sqrt(np.mean([one["view_turn"] ** 2 for one in found])))
     assert shift == pytest.approx(SHIFT, rel=0.5)
@@ -39,14 +42,16 @@ def test_views_in_their_places_are_not_doubted(name: str) -> None:
     found = estimate(one)
     assert not said(found)
     assert found.diagnostics["view_shift"] < 0.1 * SHIFT
-    assert found.diagnostics["view_turn"] < 0.2 * np.radians(TURN_DEG)
+    assert found.diagnostics["view_turn"] < 0.3 * np.radians(TURN_DEG)
 
 
 def test_views_off_their_places_are_remarked_on_in_the_unit_of_the_user() -> None:
-    one = scan(part("wheel_hub_5"), scale=300.0, view_shift=SHIFT, view_turn_deg=TURN_DEG)
+    one = scan(part("wheel_hub_5"), scale=300.0, view_shift=2.0 * SHIFT, view_turn_deg=2.0 * TURN_DEG)
     found = estimate(one)
-    assert len(said(found)) == 1
-    assert found.diagnostics["view_shift"] == pytest.approx(300.0 * SHIFT, rel=0.6)
+    (warning,) = said(found)
+    shift = found.diagnostics["view_shift"]
+    assert shift == pytest.approx(600.0 * SHIFT, rel=0.6)
+    assert f"{100.0 * shift / 300.0:.1f}"[:3] in warning and "degrees" in warning
 
 
 def test_a_single_view_has_nothing_to_be_compared_with() -> None:
@@ -56,17 +61,13 @@ def test_a_single_view_has_nothing_to_be_compared_with() -> None:
 
 
 def test_the_covariance_allows_for_misplaced_views() -> None:
-    inside, over = 0, []
-    scans = [
-        (name, seed)
-        for name in ("wheel_hub_5", "propeller_3", "impeller_7", "flange_8")
-        for seed in range(1, 6)
-    ]
-    for name, seed in scans:
+    inside, over, names = 0, [], ("wheel_hub_5", "propeller_3", "impeller_7", "flange_8")
+    for name, seed in itertools.product(names, range(1, 6)):
         one = misplaced(name, seed)
-        figures = stated_figures(estimate(one), one.axis, one.center, one.diameter)
+        found = estimate(one)
+        figures = stated_figures(found, one.axis, one.center, one.diameter)
         inside += is_inside(figures)
-        over.append(figures["axis_deg"] / figures["stated_deg"])
+        over.append(axis_angle_deg(found.axis, one.axis) / figures["stated_deg"])
     # Without them 2 of these 20, and errors 8 times as large as stated.
     assert inside >= 17
     assert 0.5 < np.sqrt(np.mean(np.square(over))) < 2.0
