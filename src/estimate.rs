@@ -223,8 +223,18 @@ impl Estimator {
 
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
-        let origin = origin_height(&folded, self.config.origin, base, prepared.outward);
-        let heading = find_heading(&folded, *order, self.config.yaw);
+        // Neither keeps both threads of a small machine busy.
+        let ((origin, heading), (pace, of_views)) = rayon::join(
+            || {
+                let origin = origin_height(&folded, self.config.origin, base, prepared.outward);
+                (origin, find_heading(&folded, *order, self.config.yaw))
+            },
+            || {
+                let pace = self.pace(&prepared.surface, &axis, *order);
+                (pace, self.covariance_of_views(prepared, &axis, *order))
+            },
+        );
+        let pace = pace?;
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.flag(ORIENTED, prepared.outward);
         stages.number("coverage", completion.coverage);
@@ -233,9 +243,7 @@ impl Estimator {
         let (local_from_object, angle) = place(&axis, origin.value, heading.angle, *order, preferred);
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let radius = 0.5 * prepared.diameter;
-        let pace = self.pace(&prepared.surface, &axis, *order)?;
         stages.series("pace", pace.as_slice());
-        let of_views = self.covariance_of_views(prepared, &axis, *order);
         let sandwich = if is_turned_over { found.sandwich.reversed() } else { found.sandwich };
         let (covariance, unobservable) =
             pose_covariance(&sandwich, &pace, &of_views, radius, angle, origin.value, along);

@@ -107,18 +107,22 @@ impl Patches {
             return None;
         }
         let point_of_patch = self.point_of_patch();
+        let step = Looks::step(self.chosen.len());
         let mut counts = vec![0.0; self.chosen.len() * views];
-        let mut heights = counts.clone();
+        let mut heights = vec![0.0; self.chosen.len().div_ceil(step) * views];
         for (i, (position, &patch)) in part.points.iter().zip(&self.sides.patch_of_point).enumerate() {
-            let point = point_of_patch[patch as usize];
+            let (point, view) = (point_of_patch[patch as usize], part.place_of(i));
             if point == NONE {
                 continue;
             }
-            let (mean, normal) = (&self.sides.points[patch as usize], &self.sides.normals[patch as usize]);
-            let height: f64 = (0..3).map(|axis| (position[axis] - mean[axis]) * normal[axis]).sum();
-            let cell = point as usize * views + part.place_of(i);
-            counts[cell] += 1.0;
-            heights[cell] += height as f32;
+            let point = point as usize;
+            counts[point * views + view] += 1.0;
+            if point.is_multiple_of(step) {
+                let (mean, normal) =
+                    (&self.sides.points[patch as usize], &self.sides.normals[patch as usize]);
+                let height: f64 = (0..3).map(|axis| (position[axis] - mean[axis]) * normal[axis]).sum();
+                heights[point / step * views + view] += height as f32;
+            }
         }
         Some(Looks { views, counts, heights })
     }

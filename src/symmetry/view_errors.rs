@@ -20,7 +20,7 @@ pub struct Looks {
     pub views: usize,
     /// For each point and each view how many measurements there are: views are the inner index.
     pub counts: Vec<f32>,
-    /// The sum of their heights over the point, along its normal \[length\].
+    /// For each [`step`](Self::step)-th point and each view the sum of their heights over the point, along its normal \[length\].
     pub heights: Vec<f32>,
 }
 
@@ -55,6 +55,9 @@ const SHARED: f64 = 0.15;
 
 /// Points of the surface whose matches tell what errors of the views do to the axis; it is their mean that counts.
 const SAMPLES: usize = 4_000;
+
+/// Points of the surface at which heights are compared: a thousandth of the noise is left in their mean.
+const COMPARED: usize = 10_000;
 
 impl ViewErrors {
     /// Measures how far apart views lie where they see the same surface.
@@ -175,6 +178,12 @@ struct Shared {
 }
 
 impl Looks {
+    /// From one of `points` of a surface to the next at which heights are compared.
+    #[must_use]
+    pub fn step(points: usize) -> usize {
+        points.div_ceil(COMPARED).max(1)
+    }
+
     /// How far the views are off their places; `None` where hardly any two see the same surface.
     ///
     /// Each view has a rigid error of its own; the heights of its measurements over what all of them say together are linear
@@ -205,8 +214,11 @@ impl Looks {
         errors: &[Vector6<f64>],
     ) -> impl Iterator<Item = Shared> {
         let Samples { points, normals } = &surface.samples;
-        let seen = self.counts.chunks_exact(self.views).zip(self.heights.chunks_exact(self.views));
-        seen.zip(points.iter().zip(normals)).filter_map(move |((counts, heights), (point, normal))| {
+        let step = Self::step(points.len());
+        self.heights.chunks_exact(self.views).enumerate().filter_map(move |(compared, heights)| {
+            let point = step * compared;
+            let counts = &self.counts[point * self.views..(point + 1) * self.views];
+            let (point, normal) = (&points[point], &normals[point]);
             let count = counts[view];
             let total: f32 = counts.iter().sum();
             if count == 0.0 || count == total {
@@ -234,7 +246,8 @@ impl Looks {
     fn evidence(&self, surface: &Surface, errors: &[Vector6<f64>], noise: f64) -> Vec<Option<Evidence<6>>> {
         let of_view = |view: usize| {
             let (mut information, mut weighted) = (Matrix6::zeros(), Vector6::zeros());
-            let all: f64 = self.counts.iter().skip(view).step_by(self.views).copied().map(f64::from).sum();
+            let step = self.views * Self::step(surface.len());
+            let all: f64 = self.counts.iter().skip(view).step_by(step).copied().map(f64::from).sum();
             let mut in_common = 0.0;
             for Shared { row, count, share, height, left } in self.shared(view, surface, errors) {
                 in_common += count;

@@ -68,7 +68,7 @@ def test_the_covariance_allows_for_misplaced_views() -> None:
         figures = stated_figures(found, one.axis, one.center, one.diameter)
         inside += is_inside(figures)
         over.append(axis_angle_deg(found.axis, one.axis) / figures["stated_deg"])
-    # Without them 2 of these 20, and errors 8 times as large as stated.
+    # Without them 1 of these 20, and errors 4 times as large as stated.
     assert inside >= 17
     assert 0.5 < np.sqrt(np.mean(np.square(over))) < 2.0
 
