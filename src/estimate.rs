@@ -20,7 +20,7 @@ pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::{Completion, complete};
-use crate::symmetry::covariance::{AlongAxis, pose_covariance};
+use crate::symmetry::covariance::{AlongAxis, inflation, pose_covariance};
 use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
@@ -244,9 +244,10 @@ impl Estimator {
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let radius = 0.5 * prepared.diameter;
         stages.series("pace", pace.as_slice());
+        let inflation = inflation(prepared.view_errors.as_ref());
         let sandwich = if is_turned_over { found.sandwich.reversed() } else { found.sandwich };
         let (covariance, unobservable) =
-            pose_covariance(&sandwich, &pace, &of_views, radius, angle, origin.value, along);
+            pose_covariance(&sandwich, &pace, inflation, &of_views, radius, angle, origin.value, along);
         let posed = Posed { local_from_object, covariance, unobservable };
         Ok(Framed { axis, completion, histogram: heading.histogram, posed })
     }

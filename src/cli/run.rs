@@ -101,10 +101,11 @@ impl Streams<'_> {
 
 fn estimate(args: &EstimateArgs, streams: &mut Streams, control: Control, progress: bool) -> Result<u8> {
     let estimator = Estimator::new(args.config()?)?;
+    // Before the work, not after it.
     if let Some(path) = &args.completed {
-        // Before the work, not after it.
         Format::of(path)?;
     }
+    args.completed.iter().chain(&args.json).try_for_each(|path| has_folder(path))?;
     match find_pose(args, &estimator, control, progress) {
         Ok(estimate) => report(args, &estimate, streams),
         Err(error) => {
@@ -113,6 +114,17 @@ fn estimate(args: &EstimateArgs, streams: &mut Streams, control: Control, progre
             }
             Err(error)
         }
+    }
+}
+
+/// Fails where the folder that a file is to be written to does not exist.
+fn has_folder(path: &Path) -> Result<()> {
+    match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        Some(folder) if !folder.is_dir() => {
+            let source = std::io::Error::new(ErrorKind::NotFound, "there is no such folder to write to");
+            Err(Error::Io { path: folder.to_owned(), source })
+        }
+        _ => Ok(()),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
 use crate::result::FreeDirection;
-use crate::symmetry::covariance::INFLATION;
+use crate::symmetry::covariance::inflation;
 use crate::symmetry::robust::{Huber, robust_sigma};
 use crate::symmetry::surface::{Gate, Samples};
 use crate::symmetry::view_errors::{ViewErrors, rigid_row};
@@ -36,6 +36,8 @@ pub(super) struct Fit {
     scatter: Matrix6<f64>,
     /// The same for errors in the places of the views.
     scatter_of_views: Matrix6<f64>,
+    /// By what the covariance is larger than noise alone would make it.
+    inflation: f64,
 }
 
 /// One scan point matched to the surface.
@@ -77,6 +79,7 @@ impl Fit {
             hessian: Matrix6::zeros(),
             scatter: Matrix6::zeros(),
             scatter_of_views: Matrix6::zeros(),
+            inflation: inflation(None),
         };
         for &gate in gates {
             for _ in 0..ROUNDS {
@@ -157,6 +160,7 @@ impl Fit {
             }
         }
         self.scatter_of_views = spread.scatter(&responses, surface.radius);
+        self.inflation = inflation(Some(errors));
     }
 
     /// The 6x6 covariance in the object frame and its free directions, as those of an estimate.
@@ -185,7 +189,7 @@ impl Fit {
                 }
             }
         }
-        let scatter = INFLATION * self.scatter + self.scatter_of_views;
+        let scatter = self.inflation * self.scatter + self.scatter_of_views;
         let mut covariance = scale * inverse * scale * scatter * scale * inverse * scale;
         for i in (0..6).filter(|i| free[*i]) {
             covariance.row_mut(i).fill(0.0);

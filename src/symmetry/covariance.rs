@@ -4,6 +4,7 @@ use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen};
 
 use crate::result::FreeDirection;
 use crate::symmetry::sandwich::Sandwich;
+use crate::symmetry::view_errors::ViewErrors;
 
 /// What is known of the frame beside the axis itself.
 #[derive(Debug, Clone, Copy)]
@@ -14,8 +15,11 @@ pub struct AlongAxis {
     pub yaw: f64,
 }
 
-/// What errors common to many patches add to the variance; from the coverage on synthetic scans.
-pub(crate) const INFLATION: f64 = 2.0;
+/// What errors common to many patches add to the variance that noise gives; less is left of them beside errors of the views that
+/// were measured. From the coverage on synthetic scans.
+pub(crate) fn inflation(errors: Option<&ViewErrors>) -> f64 {
+    if errors.is_some_and(|errors| errors.spread.is_some()) { 1.5 } else { 2.0 }
+}
 
 /// Relative curvature below which an axis parameter counts as free.
 const RANK_TOLERANCE: f64 = 1e-9;
@@ -45,25 +49,27 @@ fn bounded_inverse(pace: &Matrix4<f64>) -> Matrix4<f64> {
 /// `pace` is the share of an error that shows in the residuals ([`matching_pace`]): matches are made anew wherever the
 /// axis is, so that J'WJ for fixed matches promises too much.
 ///
-/// `of_views` is the share of errors in the places of the views ([`ViewErrors`]): patches of the surface are too small to show it.
+/// `inflation` multiplies what noise gives. `of_views` is what errors in the places of the views add ([`ViewErrors`]): patches
+/// of the surface are too small to show them.
 ///
 /// The inverse of J'WJ alone would be far too small: each point takes part in many residuals, and neighbours share their
 /// errors (Bonnabel et al., arXiv 1410.7632, on ICP).
 ///
 /// [`matching_pace`]: crate::symmetry::pace::matching_pace
-/// [`ViewErrors`]: crate::symmetry::view_errors::ViewErrors
 #[must_use]
+#[allow(clippy::too_many_arguments)]
 pub fn pose_covariance(
     sandwich: &Sandwich,
     pace: &Matrix4<f64>,
+    inflation: f64,
     of_views: &Matrix4<f64>,
     radius: f64,
     heading: f64,
     height: f64,
     along: AlongAxis,
 ) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
-    let (of_axis, mut free) = axis_covariance(sandwich, pace, radius);
-    let of_axis = of_axis + of_views;
+    let (of_noise, mut free) = axis_covariance(sandwich, pace, radius);
+    let of_axis = inflation * of_noise + of_views;
     let embed = frame_from_axis(heading, height);
     let mut covariance = embed * of_axis * embed.transpose();
     covariance[(2, 2)] = along.yaw * along.yaw;
@@ -88,7 +94,7 @@ pub fn pose_covariance(
     (std::array::from_fn(|i| std::array::from_fn(|j| mean(i, j))), free)
 }
 
-/// The covariance of tilt \[rad\] and shift \[length\] of the axis along its tangents, with its free directions.
+/// What noise gives to the covariance of tilt \[rad\] and shift \[length\] of the axis along its tangents, with its free directions.
 fn axis_covariance(
     sandwich: &Sandwich,
     pace: &Matrix4<f64>,
@@ -120,7 +126,7 @@ fn axis_covariance(
         }
     }
     let step = bounded_inverse(&(lever * pace * scale)) * inverse;
-    let covariance = INFLATION * scale * step * scatter * step.transpose() * scale;
+    let covariance = scale * step * scatter * step.transpose() * scale;
     let tilt = (is_free[0] || is_free[1]).then_some(FreeDirection::Tilt);
     let shift = (is_free[2] || is_free[3]).then_some(FreeDirection::Shift);
     (covariance, tilt.into_iter().chain(shift).collect())

@@ -5,7 +5,7 @@ use nalgebra::{Matrix4, Vector4};
 
 use crate::symmetry::alignment::{SelfAlignment, Unknowns};
 use crate::symmetry::axis::Axis;
-use crate::symmetry::covariance::INFLATION;
+use crate::symmetry::covariance::inflation;
 use crate::symmetry::view_errors::{Evidence, ViewErrors, draw, uncertain};
 
 /// What the matches within a view say of the axis.
@@ -70,7 +70,7 @@ impl Alone {
     fn evidence(&self, scale: &Matrix4<f64>) -> Option<Evidence<4>> {
         let hessian = scale * self.hessian * scale;
         let scatter: Matrix4<f64> = self.gradients.iter().map(|g| g * g.transpose()).sum();
-        let noise = (INFLATION * scale * scatter * scale).try_inverse()?;
+        let noise = (inflation(None) * scale * scatter * scale).try_inverse()?;
         let gradient = scale * self.gradients.iter().sum::<Vector4<f64>>();
         Some(Evidence { information: hessian * noise * hessian, weighted: -hessian * noise * gradient })
     }
