@@ -10,6 +10,7 @@ use crate::locate::TRACKED;
 use crate::prepare::Prepared;
 use crate::remarks::{Remarks, lost_returns, remarks};
 use crate::symmetry::axis::Axis;
+use crate::symmetry::covariance::{CommonErrors, INFLATION};
 use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
@@ -193,13 +194,15 @@ impl Estimator {
         matching_pace(surface, axis, &Turns::half(order, params.max_turns), *residual, params)
     }
 
-    /// What errors in the places of the views add to the covariance of the axis found.
-    pub(crate) fn covariance_of_views(&self, prepared: &Prepared, axis: &Axis, order: Order) -> Matrix4<f64> {
+    /// Errors of the axis found that many residuals have in common.
+    pub(crate) fn common_errors(&self, prepared: &Prepared, axis: &Axis, order: Order) -> CommonErrors {
+        let Some(errors) = &prepared.view_errors else {
+            return CommonErrors { inflation: INFLATION, of_views: Matrix4::zeros() };
+        };
         let Config { residual, refine: params, .. } = self.config();
         let turns = Turns::half(order, params.max_turns);
-        prepared.view_errors.as_ref().map_or_else(Matrix4::zeros, |errors| {
-            errors.covariance_of_axis(&prepared.surface, axis, &turns, *residual, params)
-        })
+        let of_views = errors.covariance_of_axis(&prepared.surface, axis, &turns, *residual, params);
+        CommonErrors { inflation: errors.inflation(), of_views }
     }
 
     /// What a match may differ in where an axis is judged.

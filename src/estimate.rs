@@ -20,7 +20,7 @@ pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::complete::{Completion, complete};
-use crate::symmetry::covariance::{AlongAxis, inflation, pose_covariance};
+use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
 use crate::symmetry::order::{Order, Turns};
@@ -224,14 +224,14 @@ impl Estimator {
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
         // Neither keeps both threads of a small machine busy.
-        let ((origin, heading), (pace, of_views)) = rayon::join(
+        let ((origin, heading), (pace, common)) = rayon::join(
             || {
                 let origin = origin_height(&folded, self.config.origin, base, prepared.outward);
                 (origin, find_heading(&folded, *order, self.config.yaw))
             },
             || {
                 let pace = self.pace(&prepared.surface, &axis, *order);
-                (pace, self.covariance_of_views(prepared, &axis, *order))
+                (pace, self.common_errors(prepared, &axis, *order))
             },
         );
         let pace = pace?;
@@ -244,10 +244,9 @@ impl Estimator {
         let along = AlongAxis { slide: origin.sigma, yaw: heading.sigma };
         let radius = 0.5 * prepared.diameter;
         stages.series("pace", pace.as_slice());
-        let inflation = inflation(prepared.view_errors.as_ref());
         let sandwich = if is_turned_over { found.sandwich.reversed() } else { found.sandwich };
         let (covariance, unobservable) =
-            pose_covariance(&sandwich, &pace, inflation, &of_views, radius, angle, origin.value, along);
+            pose_covariance(&sandwich, &pace, &common, radius, angle, origin.value, along);
         let posed = Posed { local_from_object, covariance, unobservable };
         Ok(Framed { axis, completion, histogram: heading.histogram, posed })
     }

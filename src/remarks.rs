@@ -162,12 +162,12 @@ pub(crate) fn misplaced_views(prepared: &Prepared) -> Option<String> {
     const FAR: f64 = 0.001;
     /// What noise and the edges of thin blades do not bring about [noise of a measurement].
     const CLEAR: f64 = 1.0;
-    let Spread { shift, turn, noise } = prepared.view_errors.as_ref()?.spread?;
+    let Spread { shift, turn, noise, .. } = prepared.view_errors.as_ref()?.spread?;
     let at_rim = shift.hypot(turn * prepared.surface.radius);
     (at_rim > FAR * prepared.diameter && at_rim > CLEAR * noise).then(|| {
         format!(
-            "the views do not fit each other: each is off by about {:.2} % of the diameter of the part and {:.2} degrees; \
-             check where the sensors stood (the covariance allows for it)",
+            "the views do not fit each other: in each direction they are off by about {:.2} % of the diameter of the part and \
+             {:.2} degrees; check where the sensors stood (the covariance allows for it)",
             100.0 * shift / prepared.diameter,
             turn.to_degrees()
         )

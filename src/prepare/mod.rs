@@ -108,7 +108,7 @@ pub(crate) fn prepare(
         || patches.surface(voxel_size, config.propose.gate * diameter),
         || rayon::join(|| patches.looks(&part), || patches.inliers(&part)),
     );
-    let view_errors = looks.map(|looks| ViewErrors::measure(&looks, &surface));
+    let view_errors = looks.map(|looks| ViewErrors::measure(looks, &surface));
     surface.assumed_view = part.assumed_view();
     let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
     let measured = patches.measured();

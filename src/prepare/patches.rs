@@ -102,24 +102,32 @@ impl Patches {
 
     /// What each view measured at the points of the surface; `None` for a single view, and for very many.
     pub(super) fn looks(&self, part: &Scene) -> Option<Looks> {
-        let views = part.places.len();
+        let point_of_patch = self.point_of_patch();
+        let seen =
+            || self.sides.patch_of_point.iter().map(|&patch| point_of_patch[patch as usize]).enumerate();
+        // Places that saw the part, in their order among the points.
+        let mut view_of_place = vec![None; part.places.len()];
+        let mut views = 0;
+        for (i, _) in seen().filter(|(_, point)| *point != NONE) {
+            if view_of_place[part.place_of(i)].is_none() {
+                view_of_place[part.place_of(i)] = Some(views);
+                views += 1;
+            }
+        }
         if !(2..=MAX_VIEWS).contains(&views) {
             return None;
         }
-        let point_of_patch = self.point_of_patch();
         let step = Looks::step(self.chosen.len());
         let mut counts = vec![0.0; self.chosen.len() * views];
         let mut heights = vec![0.0; self.chosen.len().div_ceil(step) * views];
-        for (i, (position, &patch)) in part.points.iter().zip(&self.sides.patch_of_point).enumerate() {
-            let (point, view) = (point_of_patch[patch as usize], part.place_of(i));
-            if point == NONE {
-                continue;
-            }
+        for (i, point) in seen().filter(|(_, point)| *point != NONE) {
+            let Some(view) = view_of_place[part.place_of(i)] else { continue };
             let point = point as usize;
             counts[point * views + view] += 1.0;
             if point.is_multiple_of(step) {
-                let (mean, normal) =
-                    (&self.sides.points[patch as usize], &self.sides.normals[patch as usize]);
+                let patch = self.chosen[point] as usize;
+                let (position, mean, normal) =
+                    (&part.points[i], &self.sides.points[patch], &self.sides.normals[patch]);
                 let height: f64 = (0..3).map(|axis| (position[axis] - mean[axis]) * normal[axis]).sum();
                 heights[point / step * views + view] += height as f32;
             }

@@ -9,7 +9,7 @@ use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
 use crate::result::FreeDirection;
-use crate::symmetry::covariance::inflation;
+use crate::symmetry::covariance::INFLATION;
 use crate::symmetry::robust::{Huber, robust_sigma};
 use crate::symmetry::surface::{Gate, Samples};
 use crate::symmetry::view_errors::{ViewErrors, rigid_row};
@@ -79,7 +79,7 @@ impl Fit {
             hessian: Matrix6::zeros(),
             scatter: Matrix6::zeros(),
             scatter_of_views: Matrix6::zeros(),
-            inflation: inflation(None),
+            inflation: INFLATION,
         };
         for &gate in gates {
             for _ in 0..ROUNDS {
@@ -133,19 +133,19 @@ impl Fit {
         sum
     }
 
-    /// Finds what errors in the places of the views do to J'Wr.
+    /// Finds what errors in the places of the views do to J'Wr; they turn about the `centroid` of the scan.
     pub(super) fn consider_views(
         &mut self,
         surface: &Sides,
         samples: &Samples,
         gate: f64,
         errors: &ViewErrors,
+        centroid: &Vector3<f64>,
     ) {
         let Some(spread) = errors.spread else { return };
         let pose = self.object_from_scan;
         let loss = Huber { width: HUBER_WIDTH * self.sigma };
-        let centroid = samples.points.iter().sum::<Vector3<f64>>() / samples.points.len().max(1) as f64;
-        let centroid = (pose * Point3::from(centroid)).coords;
+        let centroid = (pose * Point3::from(*centroid)).coords;
         let mut responses = vec![Matrix6::zeros(); errors.views];
         for (i, row) in samples.points.iter().zip(&samples.normals).enumerate() {
             let Some((point, plane, residual)) = residual(surface, &pose, row, gate) else { continue };
@@ -160,7 +160,7 @@ impl Fit {
             }
         }
         self.scatter_of_views = spread.scatter(&responses, surface.radius);
-        self.inflation = inflation(Some(errors));
+        self.inflation = errors.inflation();
     }
 
     /// The 6x6 covariance in the object frame and its free directions, as those of an estimate.

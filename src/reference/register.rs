@@ -146,7 +146,7 @@ impl Reference {
         let gates = [GATE * self.cell()];
         let mut fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
         if let Some(errors) = scan.view_errors {
-            fit.consider_views(sides, scan.samples, gates[0], errors);
+            fit.consider_views(sides, scan.samples, gates[0], errors, &scan.surface.centroid);
         }
         let overlap = overlap(sides, &judged, &fit.object_from_scan, self.cell());
         let agreement = self.agreement(scan, &fit.object_from_scan);

@@ -4,7 +4,6 @@ use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen};
 
 use crate::result::FreeDirection;
 use crate::symmetry::sandwich::Sandwich;
-use crate::symmetry::view_errors::ViewErrors;
 
 /// What is known of the frame beside the axis itself.
 #[derive(Debug, Clone, Copy)]
@@ -15,10 +14,19 @@ pub struct AlongAxis {
     pub yaw: f64,
 }
 
-/// What errors common to many patches add to the variance that noise gives; less is left of them beside errors of the views that
-/// were measured. From the coverage on synthetic scans.
-pub(crate) fn inflation(errors: Option<&ViewErrors>) -> f64 {
-    if errors.is_some_and(|errors| errors.spread.is_some()) { 1.5 } else { 2.0 }
+/// What errors common to many patches add to the variance; from the coverage on synthetic scans.
+pub(crate) const INFLATION: f64 = 2.0;
+
+/// The same beside errors of the views that were measured, which are a part of them.
+pub(crate) const INFLATION_BESIDE_VIEWS: f64 = 1.5;
+
+/// Errors of the axis that many residuals have in common.
+#[derive(Debug, Clone, Copy)]
+pub struct CommonErrors {
+    /// By what the covariance is larger than noise alone would make it.
+    pub inflation: f64,
+    /// What errors in the places of the views add to it: patches of the surface are too small to show them.
+    pub of_views: Matrix4<f64>,
 }
 
 /// Relative curvature below which an axis parameter counts as free.
@@ -49,27 +57,24 @@ fn bounded_inverse(pace: &Matrix4<f64>) -> Matrix4<f64> {
 /// `pace` is the share of an error that shows in the residuals ([`matching_pace`]): matches are made anew wherever the
 /// axis is, so that J'WJ for fixed matches promises too much.
 ///
-/// `inflation` multiplies what noise gives. `of_views` is what errors in the places of the views add ([`ViewErrors`]): patches
-/// of the surface are too small to show them.
-///
 /// The inverse of J'WJ alone would be far too small: each point takes part in many residuals, and neighbours share their
 /// errors (Bonnabel et al., arXiv 1410.7632, on ICP).
 ///
 /// [`matching_pace`]: crate::symmetry::pace::matching_pace
 #[must_use]
-#[allow(clippy::too_many_arguments)]
 pub fn pose_covariance(
     sandwich: &Sandwich,
     pace: &Matrix4<f64>,
-    inflation: f64,
-    of_views: &Matrix4<f64>,
+    common: &CommonErrors,
     radius: f64,
     heading: f64,
     height: f64,
     along: AlongAxis,
 ) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
     let (of_noise, mut free) = axis_covariance(sandwich, pace, radius);
-    let of_axis = inflation * of_noise + of_views;
+    // Where a direction is free, errors of the views along it would spoil the others.
+    let of_views = if free.is_empty() { common.of_views } else { Matrix4::zeros() };
+    let of_axis = common.inflation * of_noise + of_views;
     let embed = frame_from_axis(heading, height);
     let mut covariance = embed * of_axis * embed.transpose();
     covariance[(2, 2)] = along.yaw * along.yaw;

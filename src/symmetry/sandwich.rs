@@ -29,6 +29,9 @@ impl Sandwich {
     }
 }
 
+/// Patches of the surface. They must be wider than the neighbourhoods that share their noise, which large noise makes wide.
+pub(super) const PATCHES: usize = 64;
+
 /// What one patch of the surface adds to a [`Sandwich`].
 #[derive(Default)]
 struct Patch {
@@ -49,8 +52,6 @@ impl SelfAlignment<'_> {
     /// A residual carries the noise of two points and counts in the patches of both, half of it in each.
     #[must_use]
     pub fn sandwich(&self, axis: &Axis) -> Sandwich {
-        /// Patches must be wider than the neighbourhoods that share their noise, which large noise makes wide.
-        const PATCHES: usize = 64;
         let count = self.samples.points.len();
         let size = count.div_ceil(PATCHES).max(1);
         // The samples are spread evenly over the surface, so that a patch is the same share of both.

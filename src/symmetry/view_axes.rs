@@ -5,44 +5,53 @@ use nalgebra::{Matrix4, Vector4};
 
 use crate::symmetry::alignment::{SelfAlignment, Unknowns};
 use crate::symmetry::axis::Axis;
-use crate::symmetry::covariance::inflation;
-use crate::symmetry::view_errors::{Evidence, ViewErrors, draw, uncertain};
+use crate::symmetry::sandwich::PATCHES;
+use crate::symmetry::view_errors::{Drawn, Evidence, ViewErrors, draw, uncertain};
 
 /// What the matches within a view say of the axis.
 #[derive(Clone)]
 struct Alone {
     /// J'WJ.
     hessian: Matrix4<f64>,
-    /// J'Wr of each patch of the surface.
-    gradients: Vec<Vector4<f64>>,
+    /// J'Wr.
+    gradient: Vector4<f64>,
+    /// J'WJ and J'Wr of each patch of the surface, and of those that its matches lie in.
+    of_patches: Vec<(Matrix4<f64>, Vector4<f64>)>,
 }
 
 /// What differences between the axes that the views alone would have mean for the `axis` that they have together: its
 /// covariance by tilt about both tangents \[rad\] and shift along both \[length\], about the point of the axis.
 ///
-/// A symmetry brings the front of a part to its front: two views from opposite sides have hardly any match in common, but both
-/// have an axis.
+/// Two views along the axis from opposite sides have hardly a match in common, but each has an axis.
 #[must_use]
 pub(super) fn covariance_of_view_axes(
     problem: &SelfAlignment,
     axis: &Axis,
     errors: &ViewErrors,
 ) -> Matrix4<f64> {
-    const PATCHES: usize = 64;
     let SelfAlignment { surface, samples, .. } = problem;
     let count = samples.points.len();
     let unknowns = Unknowns { axis: *axis, offsets: Vec::new() };
     let leverages = problem.leverages(axis);
     let main_view = |point: usize| errors.shares(point).iter().position(|&share| share > 0.5);
-    let nothing = Alone { hessian: Matrix4::zeros(), gradients: vec![Vector4::zeros(); PATCHES] };
+    let of_patches = vec![(Matrix4::zeros(), Vector4::zeros()); PATCHES];
+    let nothing = Alone { hessian: Matrix4::zeros(), gradient: Vector4::zeros(), of_patches };
+    let patch = |point: usize, points: usize| point * PATCHES / points;
     let mut alone = vec![nothing; errors.views];
     for i in 0..count {
         let Some(view) = main_view(i * surface.len() / count) else { continue };
         problem.visit(&unknowns, &leverages, i, |term, j| {
             if main_view(j) == Some(view) {
                 let jacobian = term.jacobian();
-                alone[view].hessian += jacobian * (jacobian * term.weight).transpose();
-                alone[view].gradients[i * PATCHES / count] += jacobian * (term.weight * term.residual);
+                let curvature = jacobian * (jacobian * term.weight).transpose();
+                let gradient = jacobian * (term.weight * term.residual);
+                let alone = &mut alone[view];
+                alone.hessian += curvature;
+                alone.gradient += gradient;
+                for patch in [patch(i, count), patch(j, surface.len())] {
+                    alone.of_patches[patch].0 += curvature;
+                    alone.of_patches[patch].1 += gradient;
+                }
             }
         });
     }
@@ -50,10 +59,12 @@ pub(super) fn covariance_of_view_axes(
     let turn = surface.radius.recip();
     let scale = Matrix4::from_diagonal(&Vector4::new(turn, turn, 1.0, 1.0));
     let evidence: Vec<Option<Evidence<4>>> = alone.iter().map(|view| view.evidence(&scale)).collect();
-    let Some((variances, _)) = draw(&evidence, surface.radius) else { return Matrix4::zeros() };
+    let Some(Drawn { variances, known, .. }) = draw(&evidence, surface.radius) else {
+        return Matrix4::zeros();
+    };
     // The axis of all lies amid those of the views.
-    let beside_all = errors.views as f64 / (errors.views - 1) as f64;
-    let few = uncertain(2 * (errors.views - 1));
+    let beside_all = known as f64 / (known - 1) as f64;
+    let few = uncertain(2 * (known - 1));
     let [tilt, shift] = variances.map(|variance| variance * beside_all * few);
     let spread = Matrix4::from_diagonal(&Vector4::new(tilt, tilt, shift, shift));
     let together: Matrix4<f64> = alone.iter().map(|view| scale * view.hessian * scale).sum();
@@ -68,10 +79,17 @@ pub(super) fn covariance_of_view_axes(
 impl Alone {
     /// How far the axis of the view lies from that of all, with what noise allows it to; `None` where it has none of its own.
     fn evidence(&self, scale: &Matrix4<f64>) -> Option<Evidence<4>> {
-        let hessian = scale * self.hessian * scale;
-        let scatter: Matrix4<f64> = self.gradients.iter().map(|g| g * g.transpose()).sum();
-        let noise = (inflation(None) * scale * scatter * scale).try_inverse()?;
-        let gradient = scale * self.gradients.iter().sum::<Vector4<f64>>();
+        /// Patches from which four numbers and their noise can be known.
+        const ENOUGH: usize = 8;
+        if self.of_patches.iter().filter(|(_, gradient)| *gradient != Vector4::zeros()).count() < ENOUGH {
+            return None;
+        }
+        let step = self.hessian.cholesky()?.solve(&self.gradient);
+        // Noise is what is left about the axis of the view.
+        let left = self.of_patches.iter().map(|(hessian, gradient)| scale * (gradient - hessian * step));
+        let scatter: Matrix4<f64> = left.map(|gradient| gradient * gradient.transpose()).sum();
+        let noise = scatter.cholesky()?.inverse();
+        let (hessian, gradient) = (scale * self.hessian * scale, scale * self.gradient);
         Some(Evidence { information: hessian * noise * hessian, weighted: -hessian * noise * gradient })
     }
 }

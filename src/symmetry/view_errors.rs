@@ -7,6 +7,7 @@ use crate::config::Residual;
 use crate::median::robust_sigma;
 use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, residuals};
 use crate::symmetry::axis::Axis;
+use crate::symmetry::covariance::{INFLATION, INFLATION_BESIDE_VIEWS};
 use crate::symmetry::order::Turns;
 use crate::symmetry::refine::RefineParams;
 use crate::symmetry::robust::Huber;
@@ -16,7 +17,7 @@ use crate::symmetry::view_axes::covariance_of_view_axes;
 /// What each view measured near each point of a surface.
 #[derive(Debug, Clone)]
 pub struct Looks {
-    /// Number of views, two or more.
+    /// Number of views that saw anything of the surface, two or more.
     pub views: usize,
     /// For each point and each view how many measurements there are: views are the inner index.
     pub counts: Vec<f32>,
@@ -33,6 +34,8 @@ pub struct Spread {
     pub turn: f64,
     /// Standard deviation of a measurement beside these errors \[length\]; a part of them is left in it.
     pub noise: f64,
+    /// Number of views that share enough surface with others to tell.
+    pub known: usize,
 }
 
 /// Errors of the views: all that a view measured is off in the same way, so that no number of points averages it out.
@@ -56,25 +59,33 @@ const SHARED: f64 = 0.15;
 /// Points of the surface whose matches tell what errors of the views do to the axis; it is their mean that counts.
 const SAMPLES: usize = 4_000;
 
-/// Points of the surface at which heights are compared: a thousandth of the noise is left in their mean.
+/// Points of the surface at which heights are compared: a hundredth of the noise is left in their mean.
 const COMPARED: usize = 10_000;
 
 impl ViewErrors {
     /// Measures how far apart views lie where they see the same surface.
     #[must_use]
-    pub fn measure(looks: &Looks, surface: &Surface) -> Self {
-        let share = |row: &[f32]| {
+    pub fn measure(looks: Looks, surface: &Surface) -> Self {
+        let spread = looks.spread(surface);
+        let Looks { views, counts: mut shares, .. } = looks;
+        for row in shares.chunks_exact_mut(views) {
             let total = row.iter().sum::<f32>().max(1.0);
-            row.iter().map(|count| count / total).collect::<Vec<_>>()
-        };
-        let shares = looks.counts.chunks_exact(looks.views).flat_map(share).collect();
-        Self { views: looks.views, spread: looks.spread(surface), shares }
+            row.iter_mut().for_each(|share| *share /= total);
+        }
+        Self { views, spread, shares }
+    }
+
+    /// By what the covariance is larger than noise alone would make it.
+    #[must_use]
+    pub fn inflation(&self) -> f64 {
+        if self.spread.is_some() { INFLATION_BESIDE_VIEWS } else { INFLATION }
     }
 
     /// What these errors add to the covariance of `axis`, by tilt about both tangents \[rad\] and shift along both \[length\],
     /// about the point of the axis.
     ///
-    /// Both ends of a match move with the views that saw them, each by its share.
+    /// Both ends of a match move with the views that saw them, each by its share. Matches that are made anew follow the views as
+    /// they follow the axis, so that the pace of matching has no part in it.
     #[must_use]
     pub fn covariance_of_axis(
         &self,
@@ -145,7 +156,7 @@ impl Spread {
             moved * moved.transpose()
         };
         let sum: SMatrix<f64, R, R> = responses.iter().map(of_view).sum();
-        sum * uncertain(3 * (responses.len() - 1))
+        sum * uncertain(3 * (self.known - 1))
     }
 }
 
@@ -191,19 +202,18 @@ impl Looks {
     fn spread(&self, surface: &Surface) -> Option<Spread> {
         /// Outliers are told from noise beside the errors, which are known only once outliers are left out.
         const ROUNDS: usize = 2;
-        let mut errors = vec![Vector6::zeros(); self.views];
-        let mut noise = self.noise(surface, &errors)?;
-        let mut variances = [0.0; 2];
+        let mut drawn = Drawn { variances: [0.0; 2], errors: vec![Vector6::zeros(); self.views], known: 0 };
+        let mut noise = self.noise(surface, &drawn.errors)?;
         for _ in 0..ROUNDS {
-            (variances, errors) = draw(&self.evidence(surface, &errors, noise), surface.radius)?;
+            drawn = draw(&self.evidence(surface, &drawn.errors, noise), surface.radius)?;
             // A view was compared with the others, which are off as well.
-            let own = (self.views - 1) as f64 / self.views as f64;
-            variances = variances.map(|variance| variance * own);
-            errors.iter_mut().for_each(|error| *error *= own);
-            noise = self.noise(surface, &errors)?;
+            let own = (drawn.known - 1) as f64 / drawn.known as f64;
+            drawn.variances = drawn.variances.map(|variance| variance * own);
+            drawn.errors.iter_mut().for_each(|error| *error *= own);
+            noise = self.noise(surface, &drawn.errors)?;
         }
-        let [shift, turn] = variances.map(f64::sqrt);
-        Some(Spread { shift, turn: turn / surface.radius, noise })
+        let [shift, turn] = drawn.variances.map(f64::sqrt);
+        Some(Spread { shift, turn: turn / surface.radius, noise, known: drawn.known })
     }
 
     /// The points that `view` shares with others.
@@ -272,15 +282,21 @@ pub(super) fn uncertain(degrees: usize) -> f64 {
     degrees / (degrees - 2.0)
 }
 
-/// Variances of the errors of views, of either kind [squared length], and the error of each view; `None` where there is no
-/// evidence. A view without any has an error of zero here.
+/// Errors of views as the evidence makes them likely.
+pub(super) struct Drawn<const R: usize> {
+    /// Of either kind [squared length].
+    pub(super) variances: [f64; 2],
+    /// Of each view; zero without evidence.
+    pub(super) errors: Vec<SVector<f64, R>>,
+    /// Number of views with evidence, two or more.
+    pub(super) known: usize,
+}
+
+/// The errors of views, and their variances; `None` without evidence of two views.
 ///
 /// Errors of all views are drawn from one distribution, whose variances make the evidence most likely (MacKay 1992, Bayesian
 /// interpolation): what a view does not show of its error counts for nothing.
-pub(super) fn draw<const R: usize>(
-    evidence: &[Option<Evidence<R>>],
-    radius: f64,
-) -> Option<([f64; 2], Vec<SVector<f64, R>>)> {
+pub(super) fn draw<const R: usize>(evidence: &[Option<Evidence<R>>], radius: f64) -> Option<Drawn<R>> {
     /// Errors from which the search begins [radii].
     const START: f64 = 0.01;
     /// Errors that count as none [radii].
@@ -288,8 +304,13 @@ pub(super) fn draw<const R: usize>(
     const ROUNDS: usize = 100;
     /// Change of both variances below which they are found.
     const TOLERANCE: f64 = 0.01;
+    /// Numbers below which nothing is determined.
+    const LEAST: f64 = 1e-6;
     let half = R / 2;
-    evidence.iter().flatten().next()?;
+    let known = evidence.iter().flatten().count();
+    if known < 2 {
+        return None;
+    }
     let least = (NOTHING * radius).powi(2);
     let mut variances = [(START * radius).powi(2); 2];
     let mut errors = vec![SVector::zeros(); evidence.len()];
@@ -299,7 +320,7 @@ pub(super) fn draw<const R: usize>(
         let (mut determined, mut squares) = ([0.0; 2], [0.0; 2]);
         for (error, of_view) in errors.iter_mut().zip(evidence) {
             let Some(Evidence { information, weighted }) = of_view else { continue };
-            let posterior = (information + prior).try_inverse()?;
+            let posterior = (information + prior).cholesky()?.inverse();
             *error = posterior * weighted;
             for i in 0..R {
                 determined[i / half] += 1.0 - posterior[(i, i)] / variances[i / half];
@@ -307,10 +328,12 @@ pub(super) fn draw<const R: usize>(
             }
         }
         let before = variances;
-        variances = std::array::from_fn(|i| (squares[i] / determined[i].max(f64::MIN_POSITIVE)).max(least));
+        variances = std::array::from_fn(|i| {
+            if determined[i] > LEAST { (squares[i] / determined[i]).max(least) } else { least }
+        });
         if (0..2).all(|i| (variances[i] / before[i] - 1.0).abs() < TOLERANCE) {
             break;
         }
     }
-    Some((variances, errors))
+    variances.iter().all(|variance| variance.is_finite()).then_some(Drawn { variances, errors, known })
 }
