@@ -102,6 +102,9 @@ impl Patches {
 
     /// What each view measured at the points of the surface; `None` for a single view, and for very many.
     pub(super) fn looks(&self, part: &Scene) -> Option<Looks> {
+        if part.places.len() < 2 {
+            return None;
+        }
         let point_of_patch = self.point_of_patch();
         let seen =
             || self.sides.patch_of_point.iter().map(|&patch| point_of_patch[patch as usize]).enumerate();
