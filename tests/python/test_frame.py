@@ -69,7 +69,7 @@ def test_a_stream_of_poses_neither_jumps_nor_turns_over(sectors: int, over: bool
     assert found.pose[:3, 0] @ before[:3, 0] > np.cos(np.radians(2.0 if not over else 36.1))
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [3, 6, 9])
 def test_the_covariance_turns_over_with_the_axis(seed: int) -> None:
     """Which way the search leaves the axis says nothing; a tracked one begins the right way up."""
     seen = scan(part("propeller_2"), views=2, seed=seed)
