@@ -158,9 +158,9 @@ pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
 
 /// Says so when views are off their places by more than the noise of what they measure.
 pub(crate) fn misplaced_views(prepared: &Prepared) -> Option<String> {
-    /// What matters of it [diameters].
+    /// Distance at the rim from which they matter [diameters].
     const FAR: f64 = 0.001;
-    /// What noise and the edges of thin blades do not bring about [noise of a measurement].
+    /// The same that noise and the edges of thin blades do not bring about [noise of a measurement].
     const CLEAR: f64 = 1.0;
     let Spread { shift, turn, noise, .. } = prepared.view_errors.as_ref()?.spread?;
     let at_rim = shift.hypot(turn * prepared.surface.radius);

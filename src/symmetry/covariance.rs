@@ -99,7 +99,8 @@ pub fn pose_covariance(
     (std::array::from_fn(|i| std::array::from_fn(|j| mean(i, j))), free)
 }
 
-/// What noise gives to the covariance of tilt \[rad\] and shift \[length\] of the axis along its tangents, with its free directions.
+/// What noise gives to the covariance of tilt \[rad\] and shift \[length\] of the axis along its tangents, with the free
+/// directions.
 fn axis_covariance(
     sandwich: &Sandwich,
     pace: &Matrix4<f64>,
