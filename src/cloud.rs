@@ -111,31 +111,21 @@ impl PointCloud {
     /// # Errors
     /// [`Error::LengthMismatch`] unless there is one row or one for each input point; [`Error::InvalidParameter`] when
     /// the viewpoint of a finite point is not finite.
-    pub fn with_viewpoints(mut self, viewpoints: impl AsRef<[[f64; 3]]>) -> Result<Self> {
-        let viewpoints = viewpoints.as_ref();
-        let local = |v: &[f64; 3]| std::array::from_fn(|axis| v[axis] - self.origin[axis]);
-        let found = match viewpoints {
-            [one] if self.input_len != 1 => Viewpoints { places: vec![local(one)], place_of: Vec::new() },
-            many => {
-                self.check_rows("viewpoints", many.len())?;
-                // Scans come view by view, so that the same place mostly follows itself.
-                let same = |a: &u32, b: &u32| many[*a as usize] == many[*b as usize];
-                let run = |rows: &[u32]| (local(&many[rows[0] as usize]), rows.len());
-                let runs = |rows: &[u32]| rows.chunk_by(same).map(run).collect();
-                let runs: Vec<Vec<([f64; 3], usize)>> =
-                    self.input_index.par_chunks(CHUNK).map(runs).collect();
-                Viewpoints::of_runs(runs.into_iter().flatten())
-            }
-        };
-        let is_bad = |place: &[f64; 3]| place.iter().any(|x| !x.is_finite());
-        if found.places.iter().any(is_bad) {
-            let total = found.place_of.len().max(1);
-            let count = (0..total).filter(|&i| is_bad(&found.places[found.place_of(i)])).count();
-            return Err(Error::InvalidParameter {
-                name: "viewpoints",
-                value: format!("{count} of {total} rows with a NaN or infinite coordinate"),
-                expected: "finite positions of the sensor, or none where it is not known",
-            });
+    pub fn with_viewpoints(self, viewpoints: impl AsRef<[[f64; 3]]>) -> Result<Self> {
+        self.with_sensor_at(Viewpoints::of_rows(viewpoints.as_ref()))
+    }
+
+    /// [`PointCloud::with_viewpoints`] with places that points share.
+    ///
+    /// # Errors
+    /// Those of [`PointCloud::with_viewpoints`].
+    pub fn with_sensor_at(mut self, viewpoints: Viewpoints) -> Result<Self> {
+        viewpoints.check_len(self.input_len)?;
+        let is_whole = self.len() == self.input_len;
+        let mut found = if is_whole { viewpoints } else { viewpoints.of_points(&self.input_index) };
+        found.check_finite()?;
+        for place in &mut found.places {
+            *place = std::array::from_fn(|axis| place[axis] - self.origin[axis]);
         }
         self.viewpoints = found;
         Ok(self)

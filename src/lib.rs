@@ -90,6 +90,7 @@ pub use nalgebra;
 pub use picture::Picture;
 pub use reference::Reference;
 pub use symmetry::order::Order;
+pub use viewpoints::Viewpoints;
 
 /// The example of the README, compiled and run with the other ones.
 #[cfg(all(doctest, feature = "io"))]

@@ -4,9 +4,19 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
-/// Places of the sensor, and which of them each point was seen from.
+use crate::error::{Error, Result};
+
+/// Places of the sensor, and which of them each point was seen from: a place that many points share is kept once.
+///
+/// ```
+/// use sympose::{PointCloud, Viewpoints};
+/// let cloud = PointCloud::from_points(vec![[0.0; 3], [1.0; 3], [2.0; 3]])?;
+/// let viewpoints = Viewpoints::of_rows(&[[0.0, 0.0, 5.0], [0.0, 0.0, 5.0], [9.0, 0.0, 5.0]]);
+/// assert!(cloud.with_sensor_at(viewpoints)?.has_viewpoints());
+/// # Ok::<(), sympose::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Viewpoints {
+pub struct Viewpoints {
     /// Its places, none twice; empty when they are unknown.
     pub(crate) places: Vec<[f64; 3]>,
     /// For each point its place; empty where all points have the first one.
@@ -14,24 +24,81 @@ pub(crate) struct Viewpoints {
 }
 
 impl Viewpoints {
-    /// Number of the place that point `index` was seen from; 0 where none is known.
+    /// Those of points with a row each, or the single row of all of them.
+    #[must_use]
+    pub fn of_rows(rows: &[[f64; 3]]) -> Self {
+        if let [one] = rows {
+            return Self { places: vec![*one], place_of: Vec::new() };
+        }
+        let mut known: HashMap<[u64; 3], u32> = HashMap::new();
+        let mut found = Self { places: Vec::new(), place_of: Vec::with_capacity(rows.len()) };
+        // Scans come view by view, so that the same place mostly follows itself.
+        for run in rows.chunk_by(|a, b| a == b) {
+            let place = *known.entry(run[0].map(f64::to_bits)).or_insert_with(|| {
+                found.places.push(run[0]);
+                found.places.len() as u32 - 1
+            });
+            found.place_of.resize(found.place_of.len() + run.len(), place);
+        }
+        found
+    }
+
+    /// Number of place that point `index` was seen from; 0 where none is known.
     #[inline]
     pub(crate) fn place_of(&self, index: usize) -> usize {
         self.place_of.get(index).map_or(0, |&place| place as usize)
     }
 
-    /// Those of points that come in `runs` of one viewpoint, each with its length.
-    pub(crate) fn of_runs(runs: impl Iterator<Item = ([f64; 3], usize)>) -> Self {
-        let mut known: HashMap<[u64; 3], u32> = HashMap::new();
-        let mut found = Self::default();
-        for (viewpoint, len) in runs {
-            let place = *known.entry(viewpoint.map(f64::to_bits)).or_insert_with(|| {
-                found.places.push(viewpoint);
-                found.places.len() as u32 - 1
-            });
-            found.place_of.resize(found.place_of.len() + len, place);
+    /// Where point `index` was seen from.
+    #[inline]
+    pub(crate) fn of_point(&self, index: usize) -> Option<[f64; 3]> {
+        self.places.get(self.place_of(index)).copied()
+    }
+
+    /// Whether they were given by a single row, for all points.
+    fn are_one(&self) -> bool {
+        self.places.len() == 1 && self.place_of.is_empty()
+    }
+
+    /// Refuses them unless they are those of so many points, or one for all.
+    pub(crate) fn check_len(&self, points: usize) -> Result<()> {
+        if self.are_one() || self.place_of.len() == points {
+            return Ok(());
         }
-        found
+        Err(Error::LengthMismatch { what: "viewpoints", expected: points, got: self.place_of.len() })
+    }
+
+    /// Refuses a place with a NaN or infinite coordinate.
+    pub(crate) fn check_finite(&self) -> Result<()> {
+        let is_bad = |place: &[f64; 3]| place.iter().any(|x| !x.is_finite());
+        if !self.places.iter().any(is_bad) {
+            return Ok(());
+        }
+        let total = self.place_of.len().max(1);
+        let count = (0..total).filter(|&i| is_bad(&self.places[self.place_of(i)])).count();
+        Err(Error::InvalidParameter {
+            name: "viewpoints",
+            value: format!("{count} of {total} rows with a NaN or infinite coordinate"),
+            expected: "finite positions of the sensor, or none where it is not known",
+        })
+    }
+
+    /// Those of some of the points, in this order, without places that none of these was seen from.
+    pub(crate) fn of_points(self, rows: &[u32]) -> Self {
+        if self.are_one() {
+            return self;
+        }
+        let mut renumbered: Vec<Option<u32>> = vec![None; self.places.len()];
+        let mut places = Vec::new();
+        let mut renumber = |&row: &u32| {
+            let place = self.place_of[row as usize] as usize;
+            *renumbered[place].get_or_insert_with(|| {
+                places.push(self.places[place]);
+                places.len() as u32 - 1
+            })
+        };
+        let place_of = rows.iter().map(&mut renumber).collect();
+        Self { places, place_of }
     }
 }
 

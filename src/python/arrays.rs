@@ -9,6 +9,7 @@ use pyo3::types::PyDict;
 
 use super::errors;
 use crate::error::Error;
+use crate::viewpoints::Viewpoints;
 
 /// Rows of an (N, 3) array of any real type and memory order.
 ///
@@ -63,13 +64,19 @@ pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyR
     Err(errors::invalid_input(py, message))
 }
 
-/// Rows of an (N, 3) array, or the one row of a (3,) array.
-pub(super) fn points_or_point(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
-    let rows = value.py().import("sympose.arrays")?.call_method1("as_floats", (value, name))?;
+/// Rows of an (N, 3) array, or the one row of a (3,) array, of which places that points share are kept once.
+///
+/// Read with the GIL held: a copy of all rows takes longer.
+pub(super) fn viewpoints(value: &Bound<'_, PyAny>) -> PyResult<Viewpoints> {
+    let name = "viewpoints";
+    let arrays = value.py().import("sympose.arrays")?;
+    let mut rows = arrays.call_method1("as_floats", (value, name))?;
     if rows.getattr("ndim")?.extract::<usize>()? == 1 {
-        return points(&rows.call_method1("reshape", (1, -1))?, name);
+        rows = rows.call_method1("reshape", (1, -1))?;
     }
-    points(&rows, name)
+    let rows = arrays.call_method1("as_points", (rows, name))?;
+    let rows = rows.cast::<PyArray2<f64>>()?.try_readonly()?;
+    Ok(Viewpoints::of_rows(rows.as_slice()?.as_chunks().0))
 }
 
 /// Ascending indices of the rows that a (N,) boolean mask selects.

@@ -6,11 +6,12 @@ use super::{arrays, errors};
 use crate::cloud::PointCloud;
 use crate::error::{Error, Result};
 use crate::picture::Picture;
+use crate::viewpoints::Viewpoints;
 
 /// What a call gives about the points, copied out of Python.
 pub(super) struct Input {
     points: Vec<[f64; 3]>,
-    viewpoints: Option<Vec<[f64; 3]>>,
+    viewpoints: Option<Viewpoints>,
     normals: Option<Vec<[f64; 3]>>,
     /// Rows that are used; all where there is no mask.
     foreground: Option<Vec<u32>>,
@@ -32,7 +33,7 @@ impl Input {
                 .map_err(|error| errors::exception(py, error))
         };
         Ok(Self {
-            viewpoints: viewpoints.map(|value| arrays::points_or_point(value, "viewpoints")).transpose()?,
+            viewpoints: viewpoints.map(arrays::viewpoints).transpose()?,
             normals: normals.map(|value| arrays::points(value, "normals")).transpose()?,
             foreground: foreground
                 .map(|mask| arrays::selected(mask, points.len(), "foreground"))
@@ -47,8 +48,6 @@ impl Input {
         let Self { points, viewpoints, normals, foreground, pictures } = self;
         let len = points.len();
         let select = |what: &'static str, rows: Vec<[f64; 3]>| match &foreground {
-            // One viewpoint stands for all points.
-            Some(_) if what == "viewpoints" && rows.len() == 1 => Ok(rows),
             Some(_) if rows.len() != len => {
                 Err(Error::LengthMismatch { what, expected: len, got: rows.len() })
             }
@@ -56,8 +55,12 @@ impl Input {
             None => Ok(rows),
         };
         let mut cloud = PointCloud::from_points(select("points", points)?)?.with_pictures(pictures);
-        if let Some(viewpoints) = viewpoints {
-            cloud = cloud.with_viewpoints(select("viewpoints", viewpoints)?)?;
+        if let Some(mut viewpoints) = viewpoints {
+            if let Some(used) = &foreground {
+                viewpoints.check_len(len)?;
+                viewpoints = viewpoints.of_points(used);
+            }
+            cloud = cloud.with_sensor_at(viewpoints)?;
         }
         if let Some(normals) = normals {
             cloud = cloud.with_normals(select("normals", normals)?)?;

@@ -4,7 +4,6 @@ use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 
 use super::{arrays, errors, pool};
-use crate::error::Error;
 use crate::preprocess::{self, NormalParams, PlaneParams, RadiusParams, SensorPlaces, StatisticalParams};
 use crate::spatial::KdTree;
 
@@ -191,19 +190,17 @@ pub(super) fn estimate_normals<'py>(
 ) -> PyResult<Array<'py>> {
     let points = &*arrays::cloud(points, "estimate_normals")?;
     let params = NormalParams { k, ..NormalParams::default() };
-    let given = viewpoints.is_some();
-    let viewpoints = viewpoints.map(|value| arrays::points_or_point(value, "viewpoints")).transpose()?;
-    let viewpoints = viewpoints.unwrap_or_default();
-    arrays::check_finite(py, &viewpoints, "viewpoints")?;
-    if given && viewpoints.len() != 1 && viewpoints.len() != points.len() {
-        let mismatch =
-            Error::LengthMismatch { what: "viewpoints", expected: points.len(), got: viewpoints.len() };
-        return Err(errors::exception(py, mismatch));
-    }
+    let viewpoints = viewpoints.map(arrays::viewpoints).transpose()?;
+    let checked = viewpoints.iter().try_for_each(|viewpoints| {
+        viewpoints.check_len(points.len())?;
+        viewpoints.check_finite()
+    });
+    checked.map_err(|error| errors::exception(py, error))?;
     let normals = pool::run(py, || {
         let mut normals = preprocess::estimate_normals(points, &KdTree::new(points)?, &params)?.normals;
-        let viewpoint_of = |i: usize| viewpoints.get(i).or(viewpoints.first()).copied();
-        preprocess::orient_normals(&mut normals, points, viewpoint_of);
+        if let Some(viewpoints) = viewpoints {
+            preprocess::orient_normals(&mut normals, points, |i| viewpoints.of_point(i));
+        }
         Ok(normals)
     })?;
     Ok(arrays::rows(py, normals)?.into_any())
