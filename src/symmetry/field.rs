@@ -13,18 +13,21 @@ const TILE: usize = 8;
 /// Cells of a tile.
 const TILE_CELLS: usize = TILE.pow(3);
 
-/// Slabs that are filled at the same time.
+/// Slabs that are filled at the same time. Their number is fixed, so that the result does not depend on that of the threads.
 const SLABS: usize = 3;
 
 /// Cells of the table, at most; a finer grid is coarsened to this.
 const MAX_CELLS: f64 = 16_777_216.0;
 
+/// Half the diagonal of a cell, and a little: from a place in it to its centre, at most [cells].
+const HALF_DIAGONAL: f64 = 0.87;
+
 /// A table of nearest points.
 #[derive(Debug)]
 pub(crate) struct NearestField {
-    tiles: Tiles,
-    /// One more than the index of a point, or 0 where no point is within reach: memory that comes zeroed is not touched
-    /// before it is written.
+    grid: Grid,
+    /// One more than the index of a point for each cell, tile by tile, or 0 where no point is within reach: memory that comes
+    /// zeroed is not touched before it is written.
     nearest: Vec<u32>,
 }
 
@@ -40,64 +43,53 @@ impl NearestField {
             cell *= 1.1;
         }
         let origin = lower.add_scalar(-reach - 1.5 * cell);
-        let tiles = Tiles::new(origin, cell, cells(cell).map(|n| n as usize).into());
-        let mut nearest = vec![0; tiles.len];
-        // Slabs of whole tiles, each filled in a table of its own with a tile more at either end: what is farther away is
-        // out of reach. Their number is fixed, so that the result does not depend on that of the threads.
-        let [layer, ..] = tiles.strides;
-        let layers = (tiles.len / layer).div_ceil(SLABS);
-        nearest.par_chunks_mut(layers * layer).enumerate().for_each(|(slab, nearest)| {
-            let corner = origin + Vector3::x() * (((slab * layers) as f64 - 1.0) * TILE as f64 * cell);
-            let width = nearest.len() / layer * TILE + 2 * TILE;
-            let mut band = Band::new(Tiles::new(corner, cell, [width, tiles.size[1], tiles.size[2]]));
-            band.fill(points, reach / cell);
-            for (tile, held) in nearest.chunks_mut(TILE_CELLS).zip(band.tiles_from(layer)) {
-                tile.iter_mut()
-                    .zip(held)
-                    .for_each(|(nearest, held)| *nearest = band.points[*held as u32 as usize]);
-            }
+        let grid = Grid::new(origin, cell, cells(cell).map(|n| n as usize).into());
+        let [x, y, z] = grid.tiles;
+        let mut nearest = vec![0; x * y * z * TILE_CELLS];
+        let layers = x.div_ceil(SLABS);
+        nearest.par_chunks_mut(layers * y * z * TILE_CELLS).enumerate().for_each(|(slab, nearest)| {
+            Slab::new(points, &grid, slab * layers, layers, reach / cell).write(nearest);
         });
-        Self { tiles, nearest }
+        Self { grid, nearest }
     }
 
     /// One more than the indices of the points known to the eight cells whose centres surround `query`, 0 for none; the
     /// nearest point is nearly always among them.
     #[inline]
     pub(crate) fn around(&self, query: &Vector3<f64>) -> Option<[u32; 8]> {
-        let at = self.tiles.position(query);
+        let at = self.grid.position(query);
         // NaN fails, too.
-        let inside = (0..3).all(|i| at[i] >= 0.5 && at[i] < self.tiles.size[i] as f64 - 0.5);
+        let inside = (0..3).all(|i| at[i] >= 0.5 && at[i] < self.grid.size[i] as f64 - 0.5);
         if !inside {
             return None;
         }
+        let strides = [self.grid.tiles[1] * self.grid.tiles[2], self.grid.tiles[2], 1];
         let [x, y, z]: [[usize; 2]; 3] = std::array::from_fn(|axis| {
             let low = (at[axis] - 0.5) as usize;
-            [self.tiles.stride(axis, low), self.tiles.stride(axis, low + 1)]
+            let place =
+                |at: usize| at / TILE * strides[axis] * TILE_CELLS + (at % TILE) * TILE.pow(axis as u32);
+            [place(low), place(low + 1)]
         });
         Some(std::array::from_fn(|i| self.nearest[x[i & 1] + y[i >> 1 & 1] + z[i >> 2]]))
     }
 }
 
-/// A grid of cells that lie tile by tile in memory.
+/// A grid of cells, in tiles.
 #[derive(Debug, Clone)]
-struct Tiles {
+struct Grid {
     /// Lower corner \[length\].
     origin: Vector3<f64>,
     /// Inverse of the edge of a cell [1 / length].
     cells_per_length: f64,
     /// Cells along each axis.
     size: [usize; 3],
-    /// From a tile to the next one along each axis.
-    strides: [usize; 3],
-    /// Cells in memory.
-    len: usize,
+    /// Tiles along each axis.
+    tiles: [usize; 3],
 }
 
-impl Tiles {
+impl Grid {
     fn new(origin: Vector3<f64>, cell: f64, size: [usize; 3]) -> Self {
-        let [x, y, z] = size.map(|n| n.div_ceil(TILE));
-        let strides = [TILE_CELLS * y * z, TILE_CELLS * z, TILE_CELLS];
-        Self { origin, cells_per_length: 1.0 / cell, size, strides, len: TILE_CELLS * x * y * z }
+        Self { origin, cells_per_length: 1.0 / cell, size, tiles: size.map(|n| n.div_ceil(TILE)) }
     }
 
     /// Place of a point \[cells\].
@@ -105,26 +97,23 @@ impl Tiles {
         (point - self.origin) * self.cells_per_length
     }
 
-    fn index(&self, at: [u32; 3]) -> usize {
-        (0..3).map(|axis| self.stride(axis, at[axis] as usize)).sum()
-    }
-
-    /// What a coordinate adds to the index of a cell.
+    /// Number of a tile.
     #[inline]
-    fn stride(&self, axis: usize, at: usize) -> usize {
-        at / TILE * self.strides[axis] + ((at % TILE) << (axis * TILE.ilog2() as usize))
+    fn tile(&self, [x, y, z]: [usize; 3]) -> usize {
+        (x * self.tiles[1] + y) * self.tiles[2] + z
     }
 }
 
-/// The cells about a surface, while they are being filled.
-struct Band {
-    tiles: Tiles,
-    /// The point nearest to the centre so far, by its place in `points`, and its distance, as [`held`] packs them; 0 for
-    /// none.
+/// Layers of tiles of a table, while their cells are being filled, with one more at either end: what is farther away is out of
+/// reach.
+struct Slab {
+    grid: Grid,
+    /// For each tile its number among those that have memory; 0 for one that no point reaches.
+    slot_of: Vec<u32>,
+    /// For each cell of these tiles the point nearest to its centre so far, by its place among `points`, and its distance,
+    /// as [`held`] packs them; 0 for none, as everywhere in the first tile.
     held: Vec<u64>,
-    /// Tiles that hold anything.
-    touched: Vec<bool>,
-    /// Of the points in the grid one more than the index; 0 comes first, for none.
+    /// Of the points in the slab one more than the index; 0 comes first, for none.
     points: Vec<u32>,
 }
 
@@ -134,57 +123,99 @@ fn held(distance_sq: f32, point: u32) -> u64 {
     u64::from(distance_sq.to_bits()) << 32 | u64::from(point)
 }
 
-impl Band {
-    fn new(tiles: Tiles) -> Self {
-        Self {
-            held: vec![0; tiles.len],
-            touched: vec![false; tiles.len / TILE_CELLS],
-            points: vec![0],
-            tiles,
-        }
-    }
+/// A cell that hands its point on.
+struct Cell {
+    at: [u32; 3],
+    /// Its place in memory.
+    index: usize,
+}
 
-    /// Enters those of the points that lie in the grid, and lets their cells hand them on as far as `reach` [cells].
-    fn fill(&mut self, points: &[Vector3<f64>], reach: f64) {
+impl Slab {
+    /// Enters those of `points` that matter to `layers` of the table from layer `first` on, and lets their cells hand them on as
+    /// far as `reach` [cells].
+    fn new(points: &[Vector3<f64>], table: &Grid, first: usize, layers: usize, reach: f64) -> Self {
+        let cell = 1.0 / table.cells_per_length;
+        let corner = table.origin + Vector3::x() * ((first as f64 - 1.0) * TILE as f64 * cell);
+        let grid = Grid::new(corner, cell, [(layers + 2) * TILE, table.size[1], table.size[2]]);
+        let margin = reach + HALF_DIAGONAL;
+        let [from, to] = [TILE as f64 - margin, ((layers + 1) * TILE) as f64 + margin];
+        let mut slab =
+            Self { slot_of: vec![0; grid.tiles.iter().product()], grid, held: Vec::new(), points: vec![0] };
         // Places in the grid, which the cells that they are handed on to ask for many times.
         let mut places: Vec<[f64; 3]> = Vec::new();
-        let mut front = Vec::new();
         for (point, place) in (1_u32..).zip(points) {
-            let at = self.tiles.position(place);
-            if (0..3).all(|axis| at[axis] >= 0.0 && at[axis] < self.tiles.size[axis] as f64) {
-                let distance_sq = at.map(|x| (x.fract() - 0.5).powi(2)).sum() as f32;
-                let cell: [u32; 3] = at.map(|x| x as u32).into();
-                self.points.push(point);
+            let at = slab.grid.position(place);
+            if (from..to).contains(&at.x) {
+                slab.points.push(point);
                 places.push(at.into());
-                if self.offer(self.tiles.index(cell), held(distance_sq, places.len() as u32)) {
-                    front.push(cell);
+            }
+        }
+        slab.reserve(&places, reach);
+        slab.fill(&places, reach);
+        slab
+    }
+
+    /// Takes memory for the tiles within `reach` of the `places`.
+    fn reserve(&mut self, places: &[[f64; 3]], reach: f64) {
+        let margin = reach + HALF_DIAGONAL + 0.5;
+        let mut slots = 1;
+        for place in places {
+            let [x, y, z]: [_; 3] = std::array::from_fn(|axis| {
+                let last = self.grid.tiles[axis] - 1;
+                let tile = |at: f64| (at as usize / TILE).min(last);
+                tile(place[axis] - margin)..=tile(place[axis] + margin)
+            });
+            for x in x {
+                for y in y.clone() {
+                    for z in z.clone() {
+                        let slot = &mut self.slot_of[self.grid.tile([x, y, z])];
+                        if *slot == 0 {
+                            *slot = slots;
+                            slots += 1;
+                        }
+                    }
                 }
             }
         }
+        self.held = vec![0; slots as usize * TILE_CELLS];
+    }
+
+    fn fill(&mut self, places: &[[f64; 3]], reach: f64) {
+        let mut front = Vec::new();
+        for (place, number) in places.iter().zip(1..) {
+            let at = place.map(|x| x as u32);
+            let distance_sq: f64 = place.iter().map(|x| (x.fract() - 0.5).powi(2)).sum();
+            let index = self.index(at);
+            if self.offer(index, held(distance_sq as f32, number)) {
+                front.push(Cell { at, index });
+            }
+        }
         // A cell whose centre is farther than this from its point never holds a match.
-        let useful = (reach + 0.87).powi(2);
+        let useful = (reach + HALF_DIAGONAL).powi(2);
         // Steps through faces only: about sqrt(3) as many along a diagonal as cells within reach.
         for _ in 0..(1.75 * reach).ceil() as usize {
             let mut next = Vec::with_capacity(2 * front.len());
-            for &cell in &front {
-                let index = self.tiles.index(cell);
-                let point = self.held[index] as u32;
-                let place = &places[point as usize - 1];
-                let off: [f64; 3] = std::array::from_fn(|axis| place[axis] - f64::from(cell[axis]) - 0.5);
+            for &Cell { at, index } in &front {
+                let number = self.held[index] as u32;
+                let place = &places[number as usize - 1];
+                let off: [f64; 3] = std::array::from_fn(|axis| place[axis] - f64::from(at[axis]) - 0.5);
                 let distance_sq = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
                 for axis in 0..3 {
-                    let here = self.tiles.stride(axis, cell[axis] as usize);
                     for step in [-1, 1] {
-                        let at = cell[axis].wrapping_add_signed(step);
+                        let mut beside = at;
+                        beside[axis] = at[axis].wrapping_add_signed(step);
                         let beside_sq = distance_sq + 1.0 - 2.0 * f64::from(step) * off[axis];
-                        if at as usize >= self.tiles.size[axis] || beside_sq >= useful {
+                        if beside[axis] as usize >= self.grid.size[axis] || beside_sq >= useful {
                             continue;
                         }
-                        let there = index - here + self.tiles.stride(axis, at as usize);
-                        if self.offer(there, held(beside_sq.max(0.0) as f32, point)) {
-                            let mut beside = cell;
-                            beside[axis] = at;
-                            next.push(beside);
+                        let is_in_tile = beside[axis] as usize / TILE == at[axis] as usize / TILE;
+                        let there = if is_in_tile {
+                            index.wrapping_add_signed(step as isize * TILE.pow(axis as u32) as isize)
+                        } else {
+                            self.index(beside)
+                        };
+                        if self.offer(there, held(beside_sq.max(0.0) as f32, number)) {
+                            next.push(Cell { at: beside, index: there });
                         }
                     }
                 }
@@ -193,22 +224,35 @@ impl Band {
         }
     }
 
+    /// Place of a cell in memory.
+    fn index(&self, at: [u32; 3]) -> usize {
+        let at = at.map(|x| x as usize);
+        let [x, y, z] = at.map(|x| x % TILE);
+        let slot = self.slot_of[self.grid.tile(at.map(|x| x / TILE))] as usize;
+        slot * TILE_CELLS + x + TILE * (y + TILE * z)
+    }
+
     /// Puts a point into a cell that is empty or holds one farther from its centre; whether it was empty.
     #[inline]
     fn offer(&mut self, index: usize, offered: u64) -> bool {
         let held = &mut self.held[index];
         if *held == 0 {
             *held = offered;
-            self.touched[index / TILE_CELLS] = true;
             return true;
         }
         *held = offered.min(*held);
         false
     }
 
-    /// The cells of each tile from the cell `first` on; none for a tile that holds nothing.
-    fn tiles_from(&self, first: usize) -> impl Iterator<Item = &[u64]> {
-        let tiles = self.held[first..].chunks(TILE_CELLS).zip(&self.touched[first / TILE_CELLS..]);
-        tiles.map(|(cells, touched)| if *touched { cells } else { &[] })
+    /// Writes what the cells of its layers hold to their places in the table.
+    fn write(&self, nearest: &mut [u32]) {
+        // One layer of tiles comes before the first one.
+        let slots = &self.slot_of[self.grid.tile([1, 0, 0])..];
+        for (tile, &slot) in nearest.chunks_mut(TILE_CELLS).zip(slots).filter(|(_, slot)| **slot != 0) {
+            let held = &self.held[slot as usize * TILE_CELLS..];
+            tile.iter_mut()
+                .zip(held)
+                .for_each(|(nearest, held)| *nearest = self.points[*held as u32 as usize]);
+        }
     }
 }
