@@ -1,6 +1,7 @@
 //! How finely a part is looked at: its size, and the edge of a voxel that suits it.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::median::median;
@@ -13,12 +14,11 @@ pub(super) fn width(points: &[[f64; 3]]) -> f64 {
     /// More points than this do not make the quantiles better.
     const LOOKED_AT: usize = 20_000;
     let step = points.len().div_ceil(LOOKED_AT);
-    let directions = (0..27).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)));
-    directions
-        .map(|d| d.add_scalar(-1.0))
-        .take(13)
-        .map(|d| {
-            let d = d.normalize();
+    (0..13)
+        .into_par_iter()
+        .map(|i| {
+            let d = Vector3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9));
+            let d = d.add_scalar(-1.0).normalize();
             let mut along: Vec<f64> =
                 points.iter().step_by(step).map(|p| d.dot(&Vector3::from(*p))).collect();
             let last = along.len() - 1;
@@ -26,7 +26,7 @@ pub(super) fn width(points: &[[f64; 3]]) -> f64 {
             let lower = *along.select_nth_unstable_by(low, f64::total_cmp).1;
             *along.select_nth_unstable_by(last - low, f64::total_cmp).1 - lower
         })
-        .fold(0.0, f64::max)
+        .reduce(|| 0.0, f64::max)
 }
 
 /// Voxels across the diameter, and the fewest of a surface; where there are fewer, up to half the size is taken.

@@ -102,15 +102,17 @@ impl Surface {
             tables.push((widest_gate, 0.25 * widest_gate));
         }
         let table = |(gate, cell): (f64, f64)| (gate, NearestField::new(&samples.points, cell, gate));
-        let fields = tables.into_par_iter().with_max_len(1).map(table).collect();
         let pack = |(p, n): (&Vector3<f64>, &Vector3<f64>)| Packed {
             point: p.map(|x| x as f32).into(),
             normal: n.map(|x| x as f32).into(),
             _padding: [0.0; 2],
         };
         let nowhere = Packed { point: [f32::INFINITY; 3], normal: [0.0; 3], _padding: [0.0; 2] };
-        let packed =
-            std::iter::once(nowhere).chain(samples.points.iter().zip(&samples.normals).map(pack)).collect();
+        let packed = || {
+            std::iter::once(nowhere).chain(samples.points.iter().zip(&samples.normals).map(pack)).collect()
+        };
+        let (fields, packed) =
+            rayon::join(|| tables.into_par_iter().with_max_len(1).map(table).collect(), packed);
         let count = samples.points.len() as f64;
         let centroid = samples.points.iter().sum::<Vector3<f64>>() / count;
         let spread: f64 = samples.points.iter().map(|p| (p - centroid).norm_squared()).sum();
