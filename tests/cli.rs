@@ -90,6 +90,8 @@ fn bad_usage_is_refused() {
     refused(&["estimate", HUB, "--completed", "whole.stl"], "whole.stl: cannot write \"stl\"");
     refused(&["estimate", "none.ply", "--completed", "no/whole.ply"], "no: ");
     refused(&["estimate", "none.ply", "--json", "no/pose.json"], "no: ");
+    refused(&["filter", "none.ply", "no/clean.ply", "--k", "20"], "no: ");
+    refused(&["plane", "none.ply", "--remove", "no/rest.ply"], "no: ");
     refused(&["estimate", HUB, "--full"], "--json");
     refused(&["estimate", HUB, "--paper", "--config", "c.toml"], "cannot be used with");
     refused(&["filter", HUB, "out.ply"], "--voxel-size");

@@ -182,6 +182,7 @@ fn read(path: &Path, control: &Control) -> Result<Scan> {
 
 fn filter(args: &FilterArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
     Format::of(&args.out)?;
+    has_folder(&args.out)?;
     let scan = read(&args.scan, control)?;
     let mut steps = vec![("read", scan.points.len())];
     let mut scan = finite(&scan);
@@ -219,6 +220,7 @@ fn filter(args: &FilterArgs, streams: &mut Streams, control: &Control) -> Result
 fn plane(args: &PlaneArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
     if let Some(path) = &args.remove {
         Format::of(path)?;
+        has_folder(path)?;
     }
     let scan = finite(&read(&args.scan, control)?);
     let distance = match args.distance {

@@ -4,6 +4,7 @@ use std::ops::Deref;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -155,4 +156,16 @@ pub(super) fn freeze(array: &Bound<'_, PyAny>) -> PyResult<()> {
     let flags = PyDict::new(array.py());
     flags.set_item("write", false)?;
     array.call_method("setflags", (), Some(&flags)).map(drop)
+}
+
+/// A number that counts something. Where it is out of range, an error of pyo3 would tell neither name nor range.
+pub(super) fn count(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
+    let py = value.py();
+    let refused =
+        || errors::invalid_input(py, format!("{name} = {value}: expected a whole number from 0 to 2^63 - 1"));
+    match value.extract::<i64>() {
+        Ok(number) => usize::try_from(number).map_err(|_| refused()),
+        Err(error) if error.is_instance_of::<PyOverflowError>(py) => Err(refused()),
+        Err(error) => Err(error),
+    }
 }

@@ -63,14 +63,13 @@ impl PyKdTree {
         &self,
         py: Python<'py>,
         points: &Bound<'py, PyAny>,
-        k: i64,
+        #[pyo3(from_py_with = k_of)] k: usize,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let queries = &*arrays::rows_of(points, "points")?;
         arrays::check_finite(py, queries, "points")?;
-        let count = usize::try_from(k).ok().filter(|&k| k >= 1);
-        let Some(k) = count else {
-            return Err(errors::invalid_input(py, format!("k = {k}: expected at least 1 neighbour")));
-        };
+        if k == 0 {
+            return Err(errors::invalid_input(py, "k = 0: expected at least 1 neighbour".to_owned()));
+        }
         let len = self.tree.len();
         let cells = queries.len().saturating_mul(k);
         let (mut distances, mut indices) = (Vec::new(), Vec::new());
@@ -157,4 +156,8 @@ impl PyKdTree {
     fn __repr__(&self) -> String {
         format!("KdTree({} points)", self.tree.len())
     }
+}
+
+fn k_of(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    arrays::count(value, "k")
 }

@@ -1,6 +1,5 @@
 //! The stages of the pipeline, each alone.
 
-use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 
 use super::{arrays, errors, pool};
@@ -245,31 +244,19 @@ pub(super) fn viewpoints_from_order<'py>(
 }
 
 fn k_of(value: &Array<'_>) -> PyResult<usize> {
-    count(value, "k")
+    arrays::count(value, "k")
 }
 
 fn min_neighbors_of(value: &Array<'_>) -> PyResult<usize> {
-    count(value, "min_neighbors")
+    arrays::count(value, "min_neighbors")
 }
 
 fn max_iterations_of(value: &Array<'_>) -> PyResult<usize> {
-    count(value, "max_iterations")
+    arrays::count(value, "max_iterations")
 }
 
 fn seed_of(value: &Array<'_>) -> PyResult<u64> {
-    Ok(count(value, "seed")? as u64)
-}
-
-/// A number that counts something. Where it is out of range, an error of pyo3 would tell neither name nor range.
-fn count(value: &Array<'_>, name: &str) -> PyResult<usize> {
-    let py = value.py();
-    let refused =
-        || errors::invalid_input(py, format!("{name} = {value}: expected a whole number from 0 to 2^63 - 1"));
-    match value.extract::<i64>() {
-        Ok(number) => usize::try_from(number).map_err(|_| refused()),
-        Err(error) if error.is_instance_of::<PyOverflowError>(py) => Err(refused()),
-        Err(error) => Err(error),
-    }
+    Ok(arrays::count(value, "seed")? as u64)
 }
 
 /// The points of these indices, and the indices.

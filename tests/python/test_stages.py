@@ -68,7 +68,7 @@ def test_query_radius_finds_all(points: Points, queries: Points, radius: float) 
 def test_a_tree_refuses_what_it_cannot_answer() -> None:
     tree = KdTree([[0.0, 0.0, 0.0]])
     assert len(tree) == 1
-    for k in (0, -1):
+    for k in (0, -1, 2**63, 2**70):
         with pytest.raises(InvalidInputError, match="k = "):
             tree.query([[0.0, 0.0, 0.0]], k)
     with pytest.raises(MemoryError):
