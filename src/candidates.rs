@@ -79,7 +79,10 @@ impl Estimator {
             let stands_for_it = |(f, within): &(&Found, f64)| {
                 f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < *within
             };
-            if tried == TRIED || answered.iter().any(stands_for_it) {
+            if tried == TRIED {
+                break;
+            }
+            if answered.iter().any(stands_for_it) {
                 continue;
             }
             tried += 1;
@@ -164,6 +167,7 @@ impl Estimator {
             if let Some(Details::OfOrder { order, .. }) = detection.details {
                 // What was faint is the order of the rest.
                 (detection.order, detection.faint) = (Some(Order::Cyclic(order)), false);
+                detection.looked_for = params.max_order;
             }
         }
         detection
@@ -178,7 +182,7 @@ impl Estimator {
         // The last digits of the search are noise, and different ones lead to slightly different ends: without them, two
         // clouds that differ by a rounding error almost always go the same way.
         let start = start.rounded(&surface.centroid, surface.radius, START_STEPS);
-        let gates = [6.0 * last_gate, last_gate];
+        let gates = [params.first_gate(surface.spacing), last_gate];
         let from_beside = self.config().propose.search && !surface.oriented;
         let align_coarse = if from_beside { align_from_beside } else { align };
         let near = align_coarse(surface, &coarse, start, &turns, *residual, gates, params, control)?;

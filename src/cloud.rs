@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::no_return::{crowded_places, usual_box};
 use crate::picture::Picture;
 use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpoints_from_order};
 use crate::viewpoints::Viewpoints;
@@ -30,6 +31,7 @@ pub struct PointCloud {
     input_index: Arc<Vec<u32>>,
     input_len: usize,
     far: usize,
+    coinciding: usize,
     origin: [f64; 3],
     viewpoints: Viewpoints,
     normals: Option<Vec<[f64; 3]>>,
@@ -61,30 +63,29 @@ impl PointCloud {
         }
         let mut input_index: Vec<u32> = (0..input_len as u32).collect();
         if check_finite(&points).is_err() {
-            let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
-            input_index.retain(|&i| finite(&points[i as usize]));
-            points.retain(finite);
+            leave_out(&mut points, &mut input_index, |p| p.iter().any(|x| !x.is_finite()));
         }
         if points.is_empty() {
             return Err(Error::NonFinite { count: input_len, total: input_len });
         }
-        let [lower, upper] = finite_bounds(&points)?;
-        if let Some(x) = lower.iter().chain(&upper).find(|x| x.abs() > LARGEST_COORDINATE) {
+        let crowded = crowded_places(&points);
+        let is_crowded = |p: &[f64; 3]| crowded.contains(p);
+        let mut coinciding = 0;
+        if !crowded.is_empty() && !points.iter().all(is_crowded) {
+            coinciding = leave_out(&mut points, &mut input_index, is_crowded);
+        }
+        let mut bounds = finite_bounds(&points)?;
+        if let Some(x) = bounds.as_flattened().iter().find(|x| x.abs() > LARGEST_COORDINATE) {
             return Err(Error::InvalidParameter {
                 name: "points",
                 value: format!("a coordinate of {x:e}"),
                 expected: "coordinates of at most 1e100 in magnitude",
             });
         }
-        let usual = usual_box(&points, [lower, upper]);
         let mut far = 0;
-        let mut bounds = [lower, upper];
-        if let Some([least, most]) = usual {
-            let is_usual = |p: &[f64; 3]| (0..3).all(|axis| (least[axis]..=most[axis]).contains(&p[axis]));
-            far = points.iter().filter(|p| !is_usual(p)).count();
-            let mut rows = points.iter().map(is_usual);
-            input_index.retain(|_| rows.next().unwrap_or(true));
-            points.retain(is_usual);
+        if let Some([least, most]) = usual_box(&points, bounds) {
+            let is_unusual = |p: &[f64; 3]| !(0..3).all(|axis| (least[axis]..=most[axis]).contains(&p[axis]));
+            far = leave_out(&mut points, &mut input_index, is_unusual);
             bounds = finite_bounds(&points)?;
         }
         let [lower, upper] = bounds;
@@ -97,6 +98,7 @@ impl PointCloud {
             input_index: Arc::new(input_index),
             input_len,
             far,
+            coinciding,
             origin,
             viewpoints: Viewpoints::default(),
             normals: None,
@@ -187,7 +189,7 @@ impl PointCloud {
     /// Number of input points that were left out because a coordinate was NaN or infinite.
     #[must_use]
     pub fn dropped(&self) -> usize {
-        self.input_len - self.points.len() - self.far
+        self.input_len - self.points.len() - self.far - self.coinciding
     }
 
     /// Number of input points that were left out because they are hundreds of times as far away as the others: a number
@@ -195,6 +197,13 @@ impl PointCloud {
     #[must_use]
     pub fn far(&self) -> usize {
         self.far
+    }
+
+    /// Number of input points that were left out because they share one place, or a few places: a sensor that writes zeros where
+    /// it gets no return. No surface has a hundredth of its points at one place.
+    #[must_use]
+    pub fn coinciding(&self) -> usize {
+        self.coinciding
     }
 
     /// World position of the local origin: the middle of the bounding box.
@@ -236,21 +245,15 @@ impl PointCloud {
     }
 }
 
-/// The box beyond which points are far from all others; `None` where there are none such.
-fn usual_box(points: &[[f64; 3]], [lower, upper]: [[f64; 3]; 2]) -> Option<[[f64; 3]; 2]> {
-    /// Distance from the median [widest interquartile range].
-    const FAR: f64 = 100.0;
-    const LOOKED_AT: usize = 10_000;
-    let step = points.len().div_ceil(LOOKED_AT).max(1);
-    let quartiles: [[f64; 3]; 3] = std::array::from_fn(|axis| {
-        let mut values: Vec<f64> = points.iter().step_by(step).map(|p| p[axis]).collect();
-        let last = values.len() - 1;
-        [0.25, 0.5, 0.75]
-            .map(|share| *values.select_nth_unstable_by((share * last as f64) as usize, f64::total_cmp).1)
-    });
-    let reach = FAR * quartiles.iter().map(|[low, _, high]| high - low).fold(0.0, f64::max);
-    let [least, most] = [-reach, reach].map(|reach| quartiles.map(|[_, middle, _]| middle + reach));
-    let is_within = (0..3).all(|axis| least[axis] <= lower[axis] && upper[axis] <= most[axis]);
-    // Where half of the points coincide nothing can be told.
-    (reach > 0.0 && !is_within).then_some([least, most])
+/// Leaves out points, and their indices; returns how many.
+fn leave_out(
+    points: &mut Vec<[f64; 3]>,
+    input_index: &mut Vec<u32>,
+    is_out: impl Fn(&[f64; 3]) -> bool,
+) -> usize {
+    let before = points.len();
+    let mut rows = points.iter();
+    input_index.retain(|_| !rows.next().is_some_and(&is_out));
+    points.retain(|p| !is_out(p));
+    before - points.len()
 }

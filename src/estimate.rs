@@ -256,9 +256,12 @@ impl Estimator {
         let far = (cloud.far() > 0).then(|| {
             format!("far points left out, a hundred times as far away as the scan is wide: {}", cloud.far())
         });
+        let coinciding = (cloud.coinciding() > 0).then(|| {
+            format!("points at one place left out, as where a sensor gets no return: {}", cloud.coinciding())
+        });
         let no_ground = self.config.ground == GroundMode::On && prepared.ground.is_none();
         let no_ground = no_ground.then(|| NO_GROUND.to_owned());
-        far.into_iter().chain(no_ground).chain(misplaced_views(prepared)).collect()
+        far.into_iter().chain(coinciding).chain(no_ground).chain(misplaced_views(prepared)).collect()
     }
 
     /// Match score of rotations by any angle.

@@ -67,6 +67,7 @@ pub mod io;
 mod locate;
 mod median;
 pub mod metrics;
+mod no_return;
 pub mod picture;
 mod prepare;
 pub mod preprocess;

@@ -101,7 +101,7 @@ impl KdTree {
         self.len == 0
     }
 
-    /// The nearest point of the tree; of coinciding ones the first.
+    /// The nearest point of the tree.
     #[must_use]
     pub fn nearest(&self, query: &[f64; 3]) -> Neighbor {
         let found = self.tree.query(query).nearest_one::<Metric>().execute();
@@ -130,6 +130,12 @@ impl KdTree {
     /// The nearest point that does not coincide with the query, if there is one.
     #[must_use]
     pub fn nearest_distinct(&self, query: &[f64; 3]) -> Option<Neighbor> {
+        if let Some(places) = &self.places {
+            const TWO: NonZero<usize> = NonZero::new(2).unwrap();
+            let found = self.tree.query(query).nearest_n::<Metric>(TWO).execute();
+            let beside = found.into_iter().find(|place| place.distance > 0.0)?;
+            return Some(Neighbor { index: places.at(beside.item)[0], distance_sq: beside.distance });
+        }
         let mut k = 2;
         loop {
             let found = self.k_nearest(query, k);
@@ -174,7 +180,7 @@ impl KdTree {
         queries.par_iter().with_min_len(64).map(|q| self.within(q, radius)).collect()
     }
 
-    /// The points at the places found, at most `limit` (or those of one place more).
+    /// The points at the places found: at least `limit` of them, and all at the same distance as the last.
     fn expand(&self, found: impl Iterator<Item = (u32, f64)>, limit: usize) -> Vec<Neighbor> {
         let Some(places) = &self.places else {
             return found.map(|(index, distance_sq)| Neighbor { index, distance_sq }).collect();

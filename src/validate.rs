@@ -14,8 +14,17 @@ use crate::symmetry::refine::RefineParams;
 /// Threads of one estimate, at most: to start many thousands takes longer than the work, and nothing can stop it.
 const MAX_THREADS: usize = 1024;
 
-/// Starting directions of a search, at most: half a degree apart.
+/// Starting directions of a search, at most: 1.4 degrees apart.
 const MAX_DIRECTIONS: usize = 10_000;
+
+/// Neighbours of a point, at most: what is kept of them grows with their number times that of the points.
+const MAX_NEIGHBORS: usize = 1000;
+
+/// Rotations, rounds and steps, at most: more of them would not be more exact, only slower.
+const MAX_REPEATS: usize = 1000;
+
+/// Distance between clusters, at least [diameters].
+const LEAST_DISTANCE: f64 = 1e-4;
 
 impl Config {
     /// Checks every setting.
@@ -82,19 +91,25 @@ impl GroundParams {
 impl OutlierParams {
     fn validate(&self) -> Result<()> {
         positive("outliers.radius", self.radius)?;
-        within("outliers.k", self.k, 2.., "at least 2 neighbours, the point itself included")?;
+        let neighbors = "2 to 1,000 neighbours, the point itself included";
+        within("outliers.k", self.k, 2..=MAX_NEIGHBORS, neighbors)?;
         within("outliers.min_neighbors", self.min_neighbors, ..self.k, "fewer neighbours than outliers.k")?;
         positive("outliers.std_ratio", self.std_ratio)?;
         positive_or_off("outliers.scattered", self.scattered)?;
         positive_or_off("outliers.off_surface", self.off_surface)?;
-        positive("outliers.cluster_distance", self.cluster_distance)?;
+        within(
+            "outliers.cluster_distance",
+            self.cluster_distance,
+            LEAST_DISTANCE..f64::INFINITY,
+            "a finite share of the diameter, 0.0001 or more",
+        )?;
         share("outliers.cluster_ratio", self.cluster_ratio)
     }
 }
 
 impl NormalParams {
     fn validate(&self) -> Result<()> {
-        within("normals.k", self.k, 3.., "at least 3 neighbours, the point itself included")?;
+        within("normals.k", self.k, 3..=MAX_NEIGHBORS, "3 to 1,000 neighbours, the point itself included")?;
         positive_or_off("normals.max_radius", self.max_radius)
     }
 }
@@ -103,6 +118,9 @@ impl SmoothingParams {
     fn validate(&self) -> Result<()> {
         positive("smoothing.ray_noise", self.ray_noise)?;
         positive("smoothing.max_tilt", self.max_tilt)?;
+        let neighbors = "0 to 1,000 neighbours";
+        within("smoothing.ray_neighbors", self.ray_neighbors, ..=MAX_NEIGHBORS, neighbors)?;
+        within("smoothing.max_neighbors", self.max_neighbors, ..=MAX_NEIGHBORS, neighbors)?;
         positive_or_off("smoothing.max_angle", self.max_angle)
     }
 }
@@ -112,7 +130,7 @@ impl ProposeParams {
         within("propose.directions", self.directions, 1..=MAX_DIRECTIONS, "1 to 10,000 directions")?;
         self.samples.iter().try_for_each(|&samples| at_least_one("propose.samples", samples))?;
         self.kept.iter().try_for_each(|&kept| at_least_one("propose.kept", kept))?;
-        at_least_one("propose.max_turns", self.max_turns)?;
+        repeats("propose.max_turns", self.max_turns)?;
         positive("propose.gate", self.gate)?;
         positive("propose.distinct_angle", self.distinct_angle)?;
         positive("propose.distinct_offset", self.distinct_offset)?;
@@ -144,8 +162,11 @@ impl DetectParams {
 impl RefineParams {
     fn validate(&self) -> Result<()> {
         at_least_one("refine.samples", self.samples)?;
-        at_least_one("refine.max_turns", self.max_turns)?;
-        at_least_one("refine.max_joint_turns", self.max_joint_turns)?;
+        repeats("refine.max_turns", self.max_turns)?;
+        repeats("refine.max_joint_turns", self.max_joint_turns)?;
+        repeats("refine.max_rounds", self.max_rounds)?;
+        repeats("refine.max_full_rounds", self.max_full_rounds)?;
+        repeats("refine.max_joint_steps", self.max_joint_steps as usize)?;
         positive("refine.gate", self.gate)?;
         positive("refine.max_normal_angle", self.max_normal_angle)?;
         positive("refine.huber_width", self.huber_width)?;
@@ -175,6 +196,10 @@ fn within<T: PartialOrd + Display>(
 
 fn at_least_one(name: &'static str, count: usize) -> Result<()> {
     within(name, count, 1.., "at least 1")
+}
+
+fn repeats(name: &'static str, count: usize) -> Result<()> {
+    within(name, count, 1..=MAX_REPEATS, "1 to 1,000")
 }
 
 fn share(name: &'static str, value: f64) -> Result<()> {

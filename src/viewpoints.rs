@@ -51,7 +51,8 @@ impl Viewpoints {
 
     /// Where point `index` was seen from.
     #[inline]
-    pub(crate) fn of_point(&self, index: usize) -> Option<[f64; 3]> {
+    #[must_use]
+    pub fn of_point(&self, index: usize) -> Option<[f64; 3]> {
         self.places.get(self.place_of(index)).copied()
     }
 

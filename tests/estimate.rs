@@ -430,6 +430,30 @@ fn no_number_of_a_configuration_may_be_negative() {
 }
 
 #[test]
+fn counts_that_no_memory_would_hold_are_refused() {
+    let huge = Value::from(1_u64 << 60);
+    for path in [
+        "/normals/k",
+        "/outliers/k",
+        "/smoothing/ray_neighbors",
+        "/smoothing/max_neighbors",
+        "/propose/max_turns",
+        "/refine/max_turns",
+        "/refine/max_joint_turns",
+        "/refine/max_joint_steps",
+    ] {
+        let mut changed = serde_json::to_value(Config::default()).unwrap();
+        *changed.pointer_mut(path).unwrap() = huge.clone();
+        let config: Config = serde_json::from_value(changed).unwrap();
+        let setting = path[1..].replace('/', ".");
+        match config.validate() {
+            Err(Error::InvalidParameter { name, .. }) => assert_eq!(name, setting),
+            other => panic!("{setting}: {other:?}"),
+        }
+    }
+}
+
+#[test]
 fn limits_that_leave_nothing_are_refused_by_their_name() {
     let refused = |change: fn(&mut Config)| {
         let mut config = Config::default();

@@ -103,9 +103,10 @@ pub(crate) fn prepare(
 
     stages.begin("normals")?;
     let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
+    let widest_gate = f64::max(config.propose.gate * diameter, config.refine.first_gate(voxel_size));
     // None keeps both threads of a small machine busy.
     let (mut surface, (looks, (inliers, point_of_inlier))) = rayon::join(
-        || patches.surface(voxel_size, config.propose.gate * diameter),
+        || patches.surface(voxel_size, widest_gate),
         || rayon::join(|| patches.looks(&part), || patches.inliers(&part)),
     );
     let view_errors = looks.map(|looks| ViewErrors::measure(looks, &surface));
@@ -137,11 +138,12 @@ pub(crate) fn prepare(
 /// Notes how many points there are, and fails where some are not finite and none may be.
 fn count_points(cloud: &PointCloud, config: &Config, stages: &mut Stages) -> Result<()> {
     if config.non_finite == NonFinite::Error && cloud.dropped() > 0 {
-        let total = cloud.dropped() + cloud.far() + cloud.len();
+        let total = cloud.dropped() + cloud.far() + cloud.coinciding() + cloud.len();
         return Err(Error::NonFinite { count: cloud.dropped(), total });
     }
     stages.number("input_points", cloud.len() as f64);
     stages.number("non_finite_points", cloud.dropped() as f64);
     stages.number("far_points", cloud.far() as f64);
+    stages.number("coinciding_points", cloud.coinciding() as f64);
     Ok(())
 }

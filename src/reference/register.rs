@@ -38,6 +38,9 @@ const FITS: f64 = 0.6;
 /// Share of the scan that must fit the reference.
 const MIN_OVERLAP: f64 = 0.8;
 
+/// Share of the reference, of what should be in sight of it, that must be found in the scan.
+const MIN_AGREEMENT: f64 = 0.8;
+
 /// Points of the reference that are looked for in the scan, and how close one must come [spacings of the scan].
 const PROBES: usize = 2000;
 const AGREES: f64 = 3.0;
@@ -302,14 +305,12 @@ impl Reference {
     /// Why the scan shows another part where it fits best, if it does.
     fn misfit(&self, scan: &Scan, overlap: f64, agreement: f64) -> Option<String> {
         let percent = 100.0 * overlap;
-        if overlap < self.least_overlap(scan, agreement) {
-            return Some(format!(
-                "{percent:.0} % of its points lie on it, {:.0} % should",
-                100.0 * MIN_OVERLAP
-            ));
+        let least = self.least_overlap(scan, agreement);
+        if overlap < least {
+            return Some(format!("{percent:.0} % of its points lie on it, {:.0} % should", 100.0 * least));
         }
         let percent = 100.0 * agreement;
-        (agreement < MIN_OVERLAP)
+        (agreement < MIN_AGREEMENT)
             .then(|| format!("it shows only {percent:.0} % of the surface that should be in sight"))
     }
 }

@@ -15,7 +15,7 @@ use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::rings::{Ring, Rings};
 use crate::symmetry::score::Outcome;
 use crate::symmetry::surface::{Gate, Samples};
-use crate::symmetry::sweep::{Sweep, Tally, Turning, fraction};
+use crate::symmetry::sweep::{Sweep, Tally, Turned, Turning, fraction};
 
 /// Details that contradict the group that holds for all the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,7 +61,7 @@ pub(crate) fn contradicting_details(
         }
         _ => (params.fractions(), (2..=params.max_order).collect()),
     };
-    let sweep = Sweep::new(&turning, &samples, fractions);
+    let sweep = Sweep::new(&turning, &samples, fractions, Turned::All);
     let everything: Vec<usize> = (0..samples.points.len()).collect();
     let against = match order {
         Order::Cyclic(n) => sweep.order(n, &everything).sum,

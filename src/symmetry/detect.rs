@@ -14,7 +14,7 @@ use crate::symmetry::peaks::order_from_peaks;
 use crate::symmetry::rings::Rings;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
-use crate::symmetry::sweep::{OrderEvidence, Sweep, Turning, up_to};
+use crate::symmetry::sweep::{OrderEvidence, SURVEY_ORDER, Sweep, Turned, Turning, up_to};
 
 /// How the order is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -101,6 +101,8 @@ pub struct Detection {
     pub explained: f64,
     /// Share of the points that tell one angle from another.
     pub structured: f64,
+    /// The largest order that was looked for, 1 where none was.
+    pub looked_for: u32,
     /// Evidence against each discrete order from 2 on, on structured points, in [0, 1].
     pub against: Vec<f64>,
     /// Evidence against a generic angle, on structured points, in [0, 1].
@@ -115,7 +117,7 @@ impl Detection {
         match (order, self.order) {
             (_, Some(Order::Continuous)) => true,
             (Order::Cyclic(n), Some(Order::Cyclic(found))) => {
-                let largest = self.largest_order();
+                let largest = self.looked_for;
                 let is_part = |order: u32| n.is_multiple_of(order);
                 let is_largest_part =
                     is_part(found) && !(2..=largest / found).any(|times| is_part(times * found));
@@ -124,15 +126,7 @@ impl Detection {
             _ => false,
         }
     }
-
-    /// The largest order that was looked for, 1 where none was.
-    fn largest_order(&self) -> u32 {
-        self.against.len() as u32 + 1
-    }
 }
-
-/// Largest order of the sweep that finds the structured rings; with smaller ones there are no generic angles.
-const SURVEY_ORDER: u32 = 24;
 
 /// Points among which those of the structured rings are chosen, for each of them.
 const CANDIDATES: usize = 80;
@@ -186,7 +180,7 @@ struct Survey {
 impl Survey {
     fn new(turning: &Turning<'_>, params: &DetectParams) -> Self {
         let samples = turning.surface.samples.strided(params.samples);
-        let sweep = Sweep::new(turning, &samples, up_to(SURVEY_ORDER));
+        let sweep = Sweep::new(turning, &samples, up_to(SURVEY_ORDER), Turned::All);
         let everything: Vec<usize> = (0..samples.points.len()).collect();
         let generic = sweep.generic(&everything).share_against();
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
@@ -207,6 +201,7 @@ impl Survey {
             faint: false,
             explained: 1.0 - self.generic,
             structured: self.structured_share(),
+            looked_for: 1,
             against: Vec::new(),
             generic: 0.0,
         }
@@ -259,7 +254,9 @@ impl Structure {
         if samples.points.len() < params.ring_samples {
             samples = rings.within(&with_structure, &surface.samples, params.ring_samples);
         }
-        let sweep = Sweep::new(turning, &samples, params.fractions());
+        // Without viewpoints peaks are small.
+        let turned = if sight.is_known() { Turned::Enough } else { Turned::All };
+        let sweep = Sweep::new(turning, &samples, params.fractions(), turned);
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
         let orders: Vec<u32> = (2..=params.max_order).collect();
         let evidence: Vec<(u32, OrderEvidence)> =
@@ -272,7 +269,8 @@ impl Structure {
     /// The evidence gathered here, beside what the survey says.
     fn detection(&self, survey: &Survey) -> Detection {
         let against = self.evidence.iter().map(|(_, e)| e.sum.share_against()).collect();
-        Detection { against, generic: self.generic, ..survey.detection() }
+        let looked_for = self.evidence.last().map_or(1, |(n, _)| *n);
+        Detection { against, looked_for, generic: self.generic, ..survey.detection() }
     }
 
     /// No order explains what structure there is.
@@ -384,14 +382,15 @@ mod tests {
 
     #[test]
     fn a_larger_group_allows_its_parts() {
-        let detection = |order, largest: usize| Detection {
+        let detection = |order, looked_for| Detection {
             order,
             details: None,
             rival: None,
             faint: false,
             explained: 1.0,
             structured: 0.5,
-            against: vec![0.1; largest - 1],
+            looked_for,
+            against: Vec::new(),
             generic: 0.5,
         };
         let allowed = |found, declared| detection(Some(found), 60).allows(declared);

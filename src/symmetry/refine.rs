@@ -63,6 +63,15 @@ impl Default for RefineParams {
     }
 }
 
+impl RefineParams {
+    /// Gate with which the refinement begins, on a surface of this point `spacing` \[length\].
+    pub(crate) fn first_gate(&self, spacing: f64) -> f64 {
+        /// Times as wide as the last one.
+        const WIDER: f64 = 6.0;
+        WIDER * self.gate * spacing
+    }
+}
+
 /// An axis refined on a surface.
 #[derive(Debug, Clone)]
 pub struct Refined {

@@ -20,10 +20,15 @@ pub(crate) struct Tally {
 
 impl Tally {
     pub(crate) fn add(&mut self, outcome: Outcome) {
+        self.add_times(outcome, 1.0);
+    }
+
+    /// Adds what stands for so many `times` the same.
+    fn add_times(&mut self, outcome: Outcome, times: f64) {
         match outcome {
-            Outcome::Matched => self.agreeing += 1.0,
-            Outcome::Contradicted => self.contradicted += 1.0,
-            Outcome::Missing => self.missing += MISSING,
+            Outcome::Matched => self.agreeing += times,
+            Outcome::Contradicted => self.contradicted += times,
+            Outcome::Missing => self.missing += MISSING * times,
             Outcome::Hidden => {}
         }
     }
@@ -78,36 +83,69 @@ impl Turning<'_> {
     }
 }
 
-/// Outcomes of every sample at some fractions k/n of a turn, in lowest terms and up to one half.
+/// Outcomes of the samples at some fractions k/n of a turn, in lowest terms and up to one half.
 pub(crate) struct Sweep {
     fractions: Vec<(u32, u32)>,
     row_of: HashMap<(u32, u32), usize>,
+    /// For each fraction those of the samples; hidden where one was not turned by it.
     outcomes: Vec<Vec<Outcome>>,
+    /// For each fraction how many samples one that was turned by it stands for.
+    times: Vec<usize>,
 }
 
+/// Which samples are turned by a fraction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Turned {
+    /// All of them.
+    All,
+    /// Up to denominators of [`SURVEY_ORDER`] all, beyond that every so manieth, others by each fraction: a large order has so
+    /// many multiples that there is as much evidence of it as of a small one.
+    Enough,
+}
+
+/// Largest order of a first look; with smaller ones there are no generic angles.
+pub(crate) const SURVEY_ORDER: u32 = 24;
+
 impl Sweep {
-    pub(crate) fn new(turning: &Turning<'_>, samples: &Samples, fractions: Vec<(u32, u32)>) -> Self {
+    pub(crate) fn new(
+        turning: &Turning<'_>,
+        samples: &Samples,
+        fractions: Vec<(u32, u32)>,
+        turned: Turned,
+    ) -> Self {
+        let every = |&(_, n): &(u32, u32)| match turned {
+            Turned::All => 1,
+            Turned::Enough => n.div_ceil(SURVEY_ORDER) as usize,
+        };
+        let times: Vec<usize> = fractions.iter().map(every).collect();
         let outcomes = fractions
             .par_iter()
-            .map(|&(k, n)| {
+            .zip(&times)
+            .enumerate()
+            .map(|(row, (&(k, n), &times))| {
                 let turn = turning.axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
-                let rotated = samples.points.iter().zip(&samples.normals);
-                rotated.map(|(point, normal)| turning.outcome(point, normal, &turn)).collect()
+                let outcome = |i: usize| turning.outcome(&samples.points[i], &samples.normals[i], &turn);
+                let is_turned = |i: usize| (i + row).is_multiple_of(times);
+                let all = 0..samples.points.len();
+                all.map(|i| if is_turned(i) { outcome(i) } else { Outcome::Hidden }).collect()
             })
             .collect();
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
-        Self { fractions, row_of, outcomes }
+        Self { fractions, row_of, outcomes, times }
     }
 
     /// Evidence at k/n over the chosen samples.
     fn tally(&self, k: u32, n: u32, chosen: &[usize]) -> Tally {
         let mut tally = Tally::default();
         if let Some(&row) = self.row_of.get(&fraction(k, n)) {
-            for &i in chosen {
-                tally.add(self.outcomes[row][i]);
-            }
+            self.add_row(&mut tally, row, chosen);
         }
         tally
+    }
+
+    fn add_row(&self, tally: &mut Tally, row: usize, chosen: &[usize]) {
+        let times = self.times[row] as f64;
+        chosen.iter().for_each(|&i| tally.add_times(self.outcomes[row][i], times));
     }
 
     /// Evidence at all multiples of 1/n.
@@ -146,11 +184,7 @@ impl Sweep {
     /// Evidence at generic angles.
     pub(crate) fn generic(&self, chosen: &[usize]) -> Tally {
         let mut sum = Tally::default();
-        for row in self.generic_rows() {
-            for &i in chosen {
-                sum.add(self.outcomes[row][i]);
-            }
-        }
+        self.generic_rows().for_each(|row| self.add_row(&mut sum, row, chosen));
         sum
     }
 
@@ -161,7 +195,7 @@ impl Sweep {
         let turn = |(k, n): (u32, u32)| f64::from(k) / f64::from(n);
         let matched = |row: usize| {
             let matches = chosen.iter().filter(|&&i| self.outcomes[row][i] == Outcome::Matched);
-            matches.count() as f64
+            (matches.count() * self.times[row]) as f64
         };
         let generic: Vec<(f64, f64)> =
             self.generic_rows().map(|row| (turn(self.fractions[row]), matched(row))).collect();
@@ -225,7 +259,8 @@ mod tests {
         };
         let outcomes = fractions.iter().map(|fraction| vec![outcome(fraction)]).collect();
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
-        Sweep { fractions, row_of, outcomes }
+        let times = vec![1; fractions.len()];
+        Sweep { fractions, row_of, outcomes, times }
     }
 
     #[test]

@@ -43,6 +43,12 @@ def test_bolt_holes_give_a_disc_its_order(holes: int) -> None:
     assert any("without them it would be continuous" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize("declared", [4, 6, 8, 12])
+def test_a_declared_order_that_small_holes_contradict_is_warned_of(declared: int) -> None:
+    found = sympose.estimate(scan(disc(4), "sphere", views=5, seed=1).scene, order=declared)
+    assert any("was declared" in warning for warning in found.warnings) == (declared != 4)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_bolt_holes_give_a_flange_its_order(seed: int) -> None:
     assert sympose.estimate(scan(flange(6), "sphere", views=5, seed=seed).scene).order == 6

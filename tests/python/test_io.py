@@ -315,8 +315,10 @@ def test_viewpoints_are_written_where_the_format_holds_them(tmp_path):
     one, each = np.array([1.0, 2.0, 3.0]), np.linspace([1.0, 2.0, 3.0], [2.0, 2.0, 3.0], 20)
     write_scene(tmp_path / "cloud.npz", Scene(POINTS, viewpoints=each))
     np.testing.assert_array_equal(read(tmp_path / "cloud.npz").viewpoints, each)
-    write_scene(tmp_path / "cloud.pcd", Scene(POINTS, viewpoints=one))
-    np.testing.assert_array_equal(read(tmp_path / "cloud.pcd").viewpoints, [one] * 20)
+    # A sensor at the origin, too, though a file of PCL has zeros there where it is not known.
+    for place in (one, np.zeros(3)):
+        write_scene(tmp_path / "cloud.pcd", Scene(POINTS, viewpoints=place))
+        np.testing.assert_array_equal(read(tmp_path / "cloud.pcd").viewpoints, [place] * 20)
     for name, viewpoints in (("cloud.pcd", each), ("cloud.ply", one), ("cloud.xyz", one)):
         with pytest.raises(InvalidInputError, match="NPZ"):
             write_scene(tmp_path / name, Scene(POINTS, viewpoints=viewpoints))

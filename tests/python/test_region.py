@@ -77,9 +77,26 @@ def test_a_wild_point_changes_nothing(hub: Scan, far: float) -> None:
     np.testing.assert_array_equal(found.inliers, exact.inliers + 1)
 
 
-def test_points_that_stand_for_no_return_are_left_out(hub: Scan) -> None:
-    points = hub.scene.points[::3]
-    sentinels = np.full((len(points) // 10, 3), 65.535)
-    found = sympose.estimate(np.vstack([points, sentinels]), order=5)
-    assert found.diagnostics["far_points"] == len(sentinels)
-    assert abs(found.axis @ hub.axis) > np.cos(np.radians(0.1))
+@pytest.mark.parametrize(("place", "share"), [(0.0, 1.5), (-0.0, 0.1), (65.535, 0.1), (65.535, 4.0)])
+def test_points_that_stand_for_no_return_are_left_out(hub: Scan, place: float, share: float) -> None:
+    points, viewpoints = hub.scene.points[::3], hub.scene.viewpoints
+    assert viewpoints is not None
+    exact = sympose.estimate(points, viewpoints=viewpoints[::3])
+    count = int(share * len(points))
+    # In the middle of the points, as in a picture.
+    with_zeros = np.insert(points, len(points) // 2, np.full((count, 3), place), axis=0)
+    seen_from = np.insert(viewpoints[::3], len(points) // 2, np.zeros((count, 3)), axis=0)
+    found = sympose.estimate(with_zeros, viewpoints=seen_from, timeout=60.0)
+    assert found.diagnostics["coinciding_points"] == count
+    assert any(str(count) in warning and "one place" in warning for warning in found.warnings)
+    np.testing.assert_array_equal(found.pose, exact.pose)
+    np.testing.assert_array_equal(with_zeros[found.inliers], points[exact.inliers])
+
+
+def test_zeros_do_not_hide_the_order_of_the_points(hub: Scan) -> None:
+    """Of a picture whose pixels without a return are zeros."""
+    first = hub.scene.points[np.asarray(hub.view_of_point) == 0]
+    with_zeros = np.insert(first, np.arange(0, len(first), 50).repeat(80), np.zeros(3), axis=0)
+    found, exact = sympose.estimate(with_zeros), sympose.estimate(first)
+    assert found.diagnostics["viewpoints_from_order"]
+    np.testing.assert_array_equal(found.pose, exact.pose)

@@ -66,7 +66,8 @@ def write_pcd(path: Path, scene: Scene, single: bool) -> None:
         fields.append("rgb")
     cloud = PointCloud.from_points(columns, fields, [column.dtype for column in columns])
     if scene.viewpoints is not None:
-        cloud.metadata.viewpoint = (*scene.viewpoints[0].tolist(), 1.0, 0.0, 0.0, 0.0)
+        # No rotation, with another sign than that of PCL, which at a place of zeros means "unknown".
+        cloud.metadata.viewpoint = (*scene.viewpoints[0].tolist(), -1.0, 0.0, 0.0, 0.0)
     cloud.save(str(path), Encoding.BINARY)
 
 
