@@ -4,6 +4,7 @@ mod clean;
 mod patches;
 mod resolution;
 mod scene;
+mod stacks;
 mod support;
 mod voxels;
 

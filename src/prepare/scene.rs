@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use rayon::prelude::*;
 
 use super::resolution::width;
+use super::stacks::largest_stack;
 use crate::cloud::PointCloud;
 use crate::config::{Config, OutlierParams};
 use crate::error::{Error, Result};
@@ -213,9 +214,9 @@ impl<'a> Scene<'a> {
         self.cloud.pictures().iter().map(local).collect()
     }
 
-    /// The largest thing that stands on a support, without what else stands there: pieces far apart beside the size of
-    /// that thing itself, which is found by looking again at what the last look has left.
-    pub(super) fn isolated(mut self, params: &OutlierParams) -> Result<Self> {
+    /// The largest thing that stands on a support of this `normal`, without what else stands there: pieces far apart beside
+    /// the size of that thing itself, which is found by looking again at what the last look has left.
+    pub(super) fn isolated(mut self, normal: Vector3<f64>, params: &OutlierParams) -> Result<Self> {
         const LOOKS: usize = 4;
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
@@ -225,7 +226,9 @@ impl<'a> Scene<'a> {
             let distance = 0.5 * params.cluster_distance * diameter;
             let coarse = voxel_downsample(&self.points, (0.25 * distance).max(f64::MIN_POSITIVE))?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
-            let belongs = |i: &u32| clusters.labels[coarse.inverse[*i as usize] as usize] == 0;
+            let is_of_largest = largest_stack(&coarse.points, &clusters, normal, distance);
+            let belongs =
+                |i: &u32| is_of_largest[clusters.labels[coarse.inverse[*i as usize] as usize] as usize];
             let kept: Vec<u32> = (0..self.points.len() as u32).filter(belongs).collect();
             self = self.select(&kept);
             if width(&self.points) > 0.9 * diameter {

@@ -119,7 +119,7 @@ fn connect(points: &[[f64; 3]], grid: &Grid) -> Vec<u32> {
 }
 
 /// Representative of `cell`, halving the path to it.
-fn root(parents: &mut [u32], mut cell: u32) -> u32 {
+pub(crate) fn root(parents: &mut [u32], mut cell: u32) -> u32 {
     while parents[cell as usize] != cell {
         let above = parents[parents[cell as usize] as usize];
         parents[cell as usize] = above;

@@ -39,6 +39,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
+pub(crate) use cluster::root;
 pub use cluster::{ClusterParams, Clusters, main_cluster};
 pub use ground::{Ground, GroundParams, find_ground};
 pub use layers::{Layers, voxel_layers};

@@ -4,16 +4,14 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::config::Residual;
-use crate::control::Control;
 use crate::error::Result;
 use crate::preprocess::outline::enclosing_middle;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Turns;
 use crate::symmetry::refine::{RefineParams, Refined, align};
 use crate::symmetry::score::{MatchScore, match_score};
+use crate::symmetry::search::SearchContext;
 use crate::symmetry::surface::{Gate, Samples, Surface};
-use crate::symmetry::visibility::Visibility;
 
 /// How axes are proposed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -118,22 +116,10 @@ pub(crate) fn is_admitted(
 
 /// Axes of `surface` under the rotations `turns`, best first.
 ///
-/// `diameter` is the size of the part \[length\]; `hints` are further directions worth a try (the support plane's
-/// normal), `within` a direction that the axis must stay near.
-///
 /// # Errors
 /// When the work is cancelled.
-#[allow(clippy::too_many_arguments)]
-pub fn propose(
-    surface: &Surface,
-    turns: &Turns,
-    diameter: f64,
-    hints: &[Vector3<f64>],
-    within: Option<Vector3<f64>>,
-    visibility: Option<&Visibility>,
-    params: &ProposeParams,
-    control: &Control,
-) -> Result<Vec<Proposal>> {
+pub fn propose(surface: &Surface, turns: &Turns, context: &SearchContext<'_>) -> Result<Vec<Proposal>> {
+    let &SearchContext { diameter, hints, within, propose: params, .. } = context;
     let centroid = surface.centroid;
     let admitted = |axis: &Axis| is_admitted(axis, &centroid, diameter, within, params);
     let mut starts: Vec<Axis> = if params.search {
@@ -162,7 +148,7 @@ pub fn propose(
         let last = round + 1 == params.samples.len();
         let gates = [gate(round as i32), if last { finest } else { gate(round as i32 + 1) }];
         let samples = surface.samples.strided(samples * more);
-        let tried = trial(surface, &samples, turns, gates, visibility, &starts, control)?;
+        let tried = trial(surface, &samples, turns, gates, &starts, context)?;
         let scale = 0.5f64.powi(round as i32);
         let offset = params.distinct_offset * scale * diameter;
         proposals = distinct(tried, kept, params.distinct_angle * scale, offset, &admitted);
@@ -177,17 +163,17 @@ fn trial(
     samples: &Samples,
     turns: &Turns,
     gates: [f64; 2],
-    visibility: Option<&Visibility>,
     starts: &[Axis],
-    control: &Control,
+    context: &SearchContext<'_>,
 ) -> Result<Vec<Proposal>> {
+    let &SearchContext { residual, visibility, control, .. } = context;
     let refine = RefineParams { max_rounds: 4, max_normal_angle: 0.8, ..RefineParams::default() };
     let gate = Gate::new(gates[1], refine.max_normal_angle.cos());
     starts
         .par_iter()
         .map(|start| {
             let Refined { axis, .. } =
-                align(surface, samples, *start, turns, Residual::PointToPlane, gates, &refine, control)?;
+                align(surface, samples, *start, turns, residual, gates, &refine, control)?;
             Ok(Proposal { axis, score: match_score(surface, samples, &axis, turns, gate, visibility.into()) })
         })
         .collect()

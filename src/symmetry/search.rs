@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
 use crate::symmetry::axis::Axis;
@@ -40,12 +41,14 @@ const EQUALLY_GOOD_UNSEEN: f64 = 0.6;
 pub struct SearchContext<'a> {
     /// Size of the part \[length\].
     pub diameter: f64,
-    /// Directions worth a try.
+    /// Directions worth a try: the normal of the support plane.
     pub hints: &'a [Vector3<f64>],
     /// A direction that the axis must stay near.
     pub within: Option<Vector3<f64>>,
     /// What the cameras saw to be empty.
     pub visibility: Option<&'a Visibility>,
+    /// Distance that is minimised.
+    pub residual: Residual,
     /// How axes are proposed.
     pub propose: &'a ProposeParams,
     /// How orders are found.
@@ -146,9 +149,10 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     };
     let mut found: Vec<Found> = Vec::new();
     consider(&mut found, surface, proposed, &quick, &context)?;
-    let derived: Vec<Axis> =
-        centered(&found, surface).into_iter().chain(axis_of_revolution(surface)).collect();
-    consider(&mut found, surface, admitted(derived), &quick, &context)?;
+    if context.propose.search {
+        let derived = centered(&found, surface).into_iter().chain(axis_of_revolution(surface)).collect();
+        consider(&mut found, surface, admitted(derived), &quick, &context)?;
+    }
     // The main axis of a dihedral part, and one of an order without a divisor among those asked for: a gear of 37 teeth.
     let thorough = DetectParams { max_order: context.detect.max_order, ..quick.clone() };
     let main = admitted(across(&found).into_iter().chain(without_order(&found, surface, &context)).collect());
@@ -287,14 +291,5 @@ pub fn group_size(order: Order) -> u32 {
 }
 
 fn propose_under(surface: &Surface, order: Order, context: &SearchContext<'_>) -> Result<Vec<Proposal>> {
-    propose(
-        surface,
-        &Turns::half(order, context.propose.max_turns),
-        context.diameter,
-        context.hints,
-        context.within,
-        context.visibility,
-        context.propose,
-        context.control,
-    )
+    propose(surface, &Turns::half(order, context.propose.max_turns), context)
 }
