@@ -1,5 +1,7 @@
 //! The support plane under a part: found, told apart from the part's own flat faces, and removed.
 
+use std::cmp::Ordering;
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -207,10 +209,13 @@ impl Scene<'_> {
         let reach = outline.reach_of(&things);
         let hull = outline.hull_reach();
         // Blades leave most of their hull empty, a table fills it but for shadows and what stands on it.
-        let free = (0..hull.len())
-            .filter(|&s| outline.reach[s] > params.reach * reach[s] && outline.reach[s] > 0.5 * hull[s])
-            .count() as f64
-            / hull.len() as f64;
+        let is_filled = |s: usize| outline.reach[s] > 0.5 * hull[s];
+        let is_free = |s: &usize| is_filled(*s) && outline.reach[*s] > params.reach * reach[*s];
+        let shaded = self.shaded(&axes, &outline, &on);
+        let directions = 0..hull.len();
+        let hidden = directions.clone().filter(|&s| !is_filled(s) && shaded[s]).count();
+        // Of what is out of sight nothing is known: it counts half.
+        let free = (directions.filter(is_free).count() as f64 + 0.5 * hidden as f64) / hull.len() as f64;
         if mode == GroundMode::Auto
             && (free < params.free_directions || is_face(&outline, &things, seen, params))
         {
@@ -222,6 +227,20 @@ impl Scene<'_> {
             100.0 * free
         );
         Some(Support { plane, axes, outline, reason })
+    }
+
+    /// For each direction of an outline whether it leads away from all sensors that saw the points `on` it: a thing in its middle
+    /// keeps what is there out of sight. All false where no sensor is known.
+    fn shaded(&self, axes: &PlaneAxes, outline: &Outline, on: &[usize]) -> Vec<bool> {
+        let mut sensors: Vec<[f64; 3]> = on.iter().filter_map(|&i| self.sensors[i]).collect();
+        sensors.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+        sensors.dedup();
+        let sensors: Vec<Flat> = sensors.iter().map(|sensor| axes.flat(sensor)).collect();
+        let leads_away = |[x, y]: Flat| {
+            let away = |[u, v]: &Flat| x * (outline.middle[0] - u) + y * (outline.middle[1] - v) > 0.0;
+            !sensors.is_empty() && sensors.iter().all(away)
+        };
+        Outline::directions().map(leads_away).collect()
     }
 
     /// The largest connected piece of a sheet: a wall behind a table crosses the same plane.

@@ -55,12 +55,19 @@ impl Outline {
             || self.inward.iter().all(|(across, height)| dot(*across, p) - height >= -margin)
     }
 
+    /// Unit direction in the middle of each sector.
+    pub(crate) fn directions() -> impl Iterator<Item = Flat> {
+        (0..SECTORS).map(|sector| {
+            let (sin, cos) = (TAU * (sector as f64 + 0.5) / SECTORS as f64).sin_cos();
+            [cos, sin]
+        })
+    }
+
     /// Distance from the middle to the hull in the direction of each sector \[length\].
     pub(crate) fn hull_reach(&self) -> Vec<f64> {
         let m = self.middle;
-        (0..SECTORS)
-            .map(|sector| {
-                let (sin, cos) = (TAU * (sector as f64 + 0.5) / SECTORS as f64).sin_cos();
+        Self::directions()
+            .map(|[cos, sin]| {
                 edges(&self.corners)
                     .filter_map(|(a, b)| {
                         // The edge lies at n . x = n . a with the outward normal n; the ray meets it at t.

@@ -29,6 +29,9 @@ pub(super) struct PyKdTree {
     points: Vec<[f64; 3]>,
 }
 
+/// Rows times columns of a result, at most, where the tree has fewer points than there are columns.
+const MAX_FILLED: usize = 1 << 26;
+
 #[pymethods]
 impl PyKdTree {
     #[new]
@@ -73,7 +76,11 @@ impl PyKdTree {
         let len = self.tree.len();
         let cells = queries.len().saturating_mul(k);
         let (mut distances, mut indices) = (Vec::new(), Vec::new());
-        if distances.try_reserve_exact(cells).and_then(|()| indices.try_reserve_exact(cells)).is_err() {
+        // The system promises more memory than there is, and ends the process that takes it.
+        let is_mostly_filling = k > len && cells > MAX_FILLED;
+        if is_mostly_filling
+            || distances.try_reserve_exact(cells).and_then(|()| indices.try_reserve_exact(cells)).is_err()
+        {
             return Err(PyMemoryError::new_err(format!(
                 "no memory for {k} neighbours of {} queries",
                 queries.len()
