@@ -10,8 +10,8 @@ use crate::picture::Picture;
 use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpoints_from_order};
 use crate::viewpoints::Viewpoints;
 
-/// Coordinates beyond this magnitude would overflow when squared and summed.
-const LARGEST_COORDINATE: f64 = 1e100;
+/// Squares of coordinates beyond this magnitude would overflow in the single precision of the lookups.
+const LARGEST_COORDINATE: f64 = 1e18;
 
 /// A validated cloud: finite points about a local origin, with optional viewpoints and normals.
 ///
@@ -43,7 +43,7 @@ impl PointCloud {
     ///
     /// # Errors
     /// [`Error::InsufficientData`] when there is no point, [`Error::NonFinite`] when none is finite,
-    /// [`Error::InvalidParameter`] when a coordinate exceeds 1e100 in magnitude or there are more than 2^32 - 1 points.
+    /// [`Error::InvalidParameter`] when a coordinate exceeds 1e18 in magnitude or there are more than 2^32 - 1 points.
     pub fn from_points(mut points: Vec<[f64; 3]>) -> Result<Self> {
         let input_len = points.len();
         if input_len == 0 {
@@ -79,7 +79,7 @@ impl PointCloud {
             return Err(Error::InvalidParameter {
                 name: "points",
                 value: format!("a coordinate of {x:e}"),
-                expected: "coordinates of at most 1e100 in magnitude",
+                expected: "coordinates of at most 1e18 in magnitude",
             });
         }
         let mut far = 0;

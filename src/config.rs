@@ -141,7 +141,7 @@ impl OutlierParams {
 pub struct TrackingParams {
     /// Edge of a voxel where none is given [edge without tracking]; at least 1.
     pub coarsening: f64,
-    /// Input points of the part that are looked at, at most; where there are more, every so manieth \[count\].
+    /// Input points of the part that are looked at, at most; where there are more, every n-th \[count\].
     pub points: usize,
 }
 

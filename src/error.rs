@@ -27,7 +27,8 @@ pub enum Error {
         /// Number of rows given.
         got: usize,
     },
-    /// Coordinates are NaN or infinite, and the configuration asks for an error.
+    /// Coordinates are NaN or infinite where all must be finite: in a stage alone, in all points of a cloud, or as the
+    /// configuration asks.
     #[error("{}", non_finite(*count, *total))]
     NonFinite {
         /// Points with a NaN or infinite coordinate.
@@ -50,7 +51,7 @@ pub enum Error {
     /// The points lie on a line or coincide, so that no axis can be found.
     #[error("the points are {shape}: they do not span a surface, so no symmetry axis can be found")]
     Degenerate {
-        /// "identical" or "collinear".
+        /// "identical", "collinear", or what else keeps them from spanning a surface.
         shape: &'static str,
     },
     /// No rotational symmetry explains the data.

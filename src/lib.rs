@@ -38,7 +38,7 @@
 //! - A cloud is shifted to a local origin before any arithmetic: georeferenced coordinates lose nothing.
 //! - The same input, configuration and seed give the same bytes at any number of threads.
 //! - Nothing prints, exits or configures the global thread pool, and no input makes an [`Estimator`], a filter or a reader panic:
-//!   whatever is wrong comes back as an [`Error`] with the value that was found. Rows that belong together must be as many.
+//!   whatever is wrong comes back as an [`Error`] with the value that was found. Arrays that belong together must have the same number of rows.
 //!
 //! # Parts
 //!

@@ -11,7 +11,8 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(*m)
 }
 
-/// Standard deviation of a Gaussian core, from the median absolute value about zero; reorders `residuals`.
+/// Standard deviation of a Gaussian core, from the median absolute value about zero; `residuals` are left as
+/// absolute values in another order.
 ///
 /// Returns 0 for an empty slice.
 #[must_use]

@@ -32,25 +32,25 @@ pub(crate) fn remarks(
     prepared: &Prepared,
 ) -> Remarks {
     let visibility = prepared.visibility.as_ref();
-    let found = declared == Order::Auto;
+    let is_open = declared == Order::Auto;
     let assumed = prepared.surface.assumed_view;
-    let one_view = found && (assumed.is_some() || visibility.is_some_and(|v| v.views() == 1));
+    let one_view = is_open && (assumed.is_some() || visibility.is_some_and(|v| v.views() == 1));
     let toward_sensors = prepared.toward_sensors.or(assumed.map(|place| place - prepared.surface.centroid));
     let aside = toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
-    let half = half_turn(detection, one_view, !prepared.outward).filter(|_| found);
-    let revolves = revolution(detection).filter(|_| found && !prepared.outward);
-    let rival = detection.rival.filter(|_| found).map(rival);
+    let half = half_turn(detection, one_view, !prepared.outward).filter(|_| is_open);
+    let revolves = revolution(detection).filter(|_| is_open && !prepared.outward);
+    let rival = detection.rival.filter(|_| is_open).map(rival);
     let fine = too_fine(detection).filter(|_| one_view);
     let details = details(detection).filter(|_| fine.is_none());
-    let faint = (found && detection.faint).then(|| FAINT.to_owned());
+    let faint = (is_open && detection.faint).then(|| FAINT.to_owned());
     let ambiguity = aside.or(half).or(revolves).or(rival).or(faint).or(fine);
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
-    let doubted = !found && visibility.is_some() && !detection.allows(declared);
+    let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
-    if found {
+    if is_open {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));

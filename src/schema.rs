@@ -152,7 +152,7 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// Rows that belong together must be as many.
+    /// Arrays that belong together must have the same number of rows.
     fn check_lengths(&self) -> Result<(), String> {
         fn length<T: Clone>(rows: &Rows<T>) -> usize {
             rows.as_ref().map_or(0, |rows| rows.len())

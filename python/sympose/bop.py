@@ -151,7 +151,7 @@ def _diameter(points: NDArray[np.float64]) -> float:
     """Largest distance of two points, among those that lie farthest in one of many directions.
 
     The two that are sought lie farthest along the line through them, and mostly for some way around it. Where
-    that way is narrower than the directions are apart (2.5 degrees), less than 0.1 % is missing.
+    that way is narrower than the directions leave free (2.5 degrees), less than 0.1 % is missing.
     """
     k = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1.0 - 2.0 * k / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k

@@ -124,7 +124,7 @@ class Config(Settings):
             raise InvalidInputError(f"{fspath(path)}: {error}") from error
 
     def to_toml(self) -> str:
-        """Return all settings as TOML, which `from_toml` reads; those that are None are left out."""
+        """Return all settings as TOML, which `from_toml` reads; None is left out, or "off" for a limit."""
         return _core.config_to_toml(self.to_json())
 
     def to_json(self) -> str:

@@ -2,7 +2,7 @@
 
 The paper takes the clusters with the smaller means for the foreground. The depths of a single object are not
 Gaussian, though: a mixture splits them into four or five components. So the mixture serves as the density,
-    and the cut goes through a valley of it only where all of this holds:
+and the cut goes through a valley of it only where all of this holds:
 
 - The valley lies between two neighbouring components that are far apart, and is deep.
 - There is a gap: the bulk of the points on either side leaves a stretch of depth free.

@@ -238,7 +238,7 @@ impl<'a> Scene<'a> {
         Ok(self)
     }
 
-    /// Every so manieth point where there are more than `most`, and as thin a `region` around: the depth maps count on
+    /// Every n-th point where there are more than `most`, and as thin a `region` around: the depth maps count on
     /// points that are as dense everywhere.
     pub(super) fn thinned(self, most: usize, region: &mut Option<Vec<u32>>) -> Self {
         let step = self.points.len().div_ceil(most);

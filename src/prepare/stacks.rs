@@ -55,8 +55,8 @@ pub(super) fn largest_stack(
     }
     // Of equal ones the first.
     let largest = (0..pieces).rev().max_by_key(|&stack| size_of_stack[stack]).unwrap_or_default() as u32;
-    for piece in 0..pieces {
-        is_of_largest[piece] = root(&mut parents, piece as u32) == largest;
+    for (piece, is_of_largest) in (0_u32..).zip(&mut is_of_largest[..pieces]) {
+        *is_of_largest = root(&mut parents, piece) == largest;
     }
     is_of_largest
 }

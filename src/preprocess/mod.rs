@@ -1,6 +1,7 @@
 //! From a raw cloud to a clean, even one: support plane, voxel grid, outlier filters, clusters, normals.
 //!
-//! Every function works alone, checks its own input and gives the same bytes at any number of threads.
+//! Every function gives the same bytes at any number of threads. Those that take a raw cloud work alone and check it; what
+//! goes on with the result of another (`separate_sides`, `mean_heights`) relies on it.
 //!
 //! ```
 //! use sympose::preprocess::{voxel_downsample, remove_radius_outliers, RadiusParams};

@@ -35,7 +35,7 @@ pub struct Normals {
     pub normals: Vec<[f64; 3]>,
     /// Share of the smallest of the three variances of the neighbourhood, in [0, 1/3]: 0 on a plane.
     pub surface_variation: Vec<f64>,
-    /// Distance of every point from the plane through its neighbours [standard deviations of theirs]; large where a point
+    /// Distance of every point from the plane through its neighbours [standard deviations of these about it]; large where a point
     /// lies off the surface that they form.
     pub deviation: Vec<f64>,
 }

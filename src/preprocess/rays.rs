@@ -93,7 +93,7 @@ pub fn noise_along_rays(
 /// ```
 ///
 /// # Errors
-/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) when `k` is 0,
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) when `k` is 0 and a view has more points than that,
 /// [`Error::NonFinite`](crate::Error::NonFinite).
 pub fn smooth_along_rays(
     points: &[[f64; 3]],

@@ -26,7 +26,7 @@ impl Row {
     pub(super) fn of(points: &[[f64; 3]], run: Range<usize>) -> Option<Self> {
         /// Thickness of a plane that rounding leaves [breadth].
         const FLAT: f64 = 0.05;
-        /// Least breadth [length]; with less the points lie on a line.
+        /// Least breadth [length of the row]; with less the points lie on a line.
         const BROAD: f64 = 1e-9;
         let points = &points[run.clone()];
         let about = Vector3::from(points[0]);

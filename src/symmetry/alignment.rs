@@ -55,12 +55,6 @@ impl Correspondences {
     pub fn count(&self) -> usize {
         self.matched.iter().filter(|&&j| j != NONE).count()
     }
-
-    /// Share of rotated points that met the surface.
-    #[must_use]
-    pub fn share(&self) -> f64 {
-        if self.matched.is_empty() { 0.0 } else { self.count() as f64 / self.matched.len() as f64 }
-    }
 }
 
 /// The unknowns: the axis, and a displacement of each point when points are optimised too.

@@ -81,8 +81,6 @@ pub struct Refined {
     pub offsets: Vec<Vector3<f64>>,
     /// Robust standard deviation of the residuals of the matches \[length\].
     pub sigma: f64,
-    /// Share of rotated points that met the surface.
-    pub share: f64,
     /// Rounds of matching.
     pub rounds: usize,
     /// Whether the last round moved less than the tolerance.
@@ -206,7 +204,6 @@ pub fn align(
         axis,
         offsets: Vec::new(),
         sigma: 0.0,
-        share: 0.0,
         rounds: 0,
         converged: false,
         sandwich: Sandwich::default(),
@@ -222,8 +219,7 @@ pub fn align(
         let mut before: Option<Motion> = None;
         for _ in 0..rounds {
             control.check()?;
-            let Round { axis: moved, sigma, share } =
-                round(surface, samples, &axis, turns, gate, residual, params)?;
+            let Round { axis: moved, sigma } = round(surface, samples, &axis, turns, gate, residual, params)?;
             let motion = Motion::between(&axis, &moved, radius);
             // Under a wide gate the first steps are large and say little about the next ones.
             let ratio = before.filter(|_| last).and_then(|before| motion.ratio(&before));
@@ -239,7 +235,6 @@ pub fn align(
             before = (ahead == 0.0).then_some(motion);
             refined.rounds += 1;
             refined.sigma = sigma;
-            refined.share = share;
             refined.converged = step < params.tolerance * surface.spacing;
             if refined.converged || (!last && step < 0.1 * distance) {
                 break;
@@ -256,8 +251,6 @@ pub(super) struct Round {
     pub(super) axis: Axis,
     /// Robust standard deviation of the residuals before the step \[length\].
     sigma: f64,
-    /// Share of rotated points that met the surface.
-    share: f64,
 }
 
 /// Matches once and takes one step.
@@ -284,7 +277,7 @@ pub(super) fn round(
         max_offset: 0.0,
     };
     let solved = minimize(&problem, Unknowns { axis: *axis, offsets: Vec::new() }, 1)?;
-    Ok(Round { axis: solved.param.axis.recentered(&surface.centroid), sigma, share: correspondences.share() })
+    Ok(Round { axis: solved.param.axis.recentered(&surface.centroid), sigma })
 }
 
 /// The paper's joint optimisation: axis and points together, from an aligned axis, on `samples` of the surface; then all
@@ -339,7 +332,6 @@ pub fn refine_jointly(
         sandwich: problem.sandwich(&axis),
         offsets,
         sigma,
-        share: correspondences.share(),
         costs: costs.map(|cost| cost / matches).to_vec(),
         ..aligned.clone()
     })

@@ -26,7 +26,7 @@ impl Samples {
         }
     }
 
-    /// About `count` of them, chosen by their place alone: each other one stays when one comes or goes. `cell` is the
+    /// About `count` of them, chosen by their place and their number alone: hardly another one changes when one comes or goes. `cell` is the
     /// distance between them \[length\].
     #[must_use]
     pub fn scattered(&self, count: usize, cell: f64) -> Self {

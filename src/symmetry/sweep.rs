@@ -98,7 +98,7 @@ pub(crate) struct Sweep {
 pub(crate) enum Turned {
     /// All of them.
     All,
-    /// Up to denominators of [`SURVEY_ORDER`] all, beyond that every so manieth, others by each fraction: a large order has so
+    /// Up to denominators of [`SURVEY_ORDER`] all, beyond that every n-th, others by each fraction: a large order has so
     /// many multiples that there is as much evidence of it as of a small one.
     Enough,
 }

@@ -194,7 +194,7 @@ def test_degenerate_clouds_are_refused(points: Points) -> None:
 def test_all_nan_and_overflowing_clouds_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="500 of 500"):
         sympose.estimate(np.full((500, 3), np.nan), order=3)
-    with pytest.raises(InvalidInputError, match="1e100"):
+    with pytest.raises(InvalidInputError, match="1e18"):
         sympose.estimate(np.eye(3) * 1e200, order=3)
 
 
