@@ -26,19 +26,30 @@ pub(super) fn largest_stack(
     let Some(axis) = Axis::new(normal, Vector3::zeros()) else { return is_of_largest };
     let pieces = sizes.iter().take_while(|&&size| size as f64 >= PIECE * sizes[0] as f64).count();
     let [u, v] = axis.tangents();
-    let mut footprints: Vec<([i64; 2], u32)> = (points.iter().zip(labels))
-        .filter(|(_, label)| (**label as usize) < pieces)
-        .map(|(p, &label)| ([u, v].map(|along| (along.dot(&Vector3::from(*p)) / cell).floor() as i64), label))
-        .collect();
+    let place = |p: &[f64; 3]| [u, v].map(|along| (along.dot(&Vector3::from(*p)) / cell).floor() as i64);
+    let footprints = points.iter().map(place).zip(labels.iter().copied());
+    let stack_of = stacks(footprints.filter(|(_, label)| (*label as usize) < pieces).collect(), pieces);
+    let mut size_of_stack = vec![0; pieces];
+    stack_of.iter().zip(sizes).for_each(|(&stack, size)| size_of_stack[stack as usize] += size);
+    // Of equal ones the first.
+    let largest = (0..pieces).rev().max_by_key(|&stack| size_of_stack[stack]).unwrap_or_default();
+    for (is_of_largest, stack) in is_of_largest.iter_mut().zip(stack_of) {
+        *is_of_largest = stack as usize == largest;
+    }
+    is_of_largest
+}
+
+/// For each of so many `pieces` the first of those that it stands over or under, by the cells of their footprints.
+fn stacks(mut footprints: Vec<([i64; 2], u32)>, pieces: usize) -> Vec<u32> {
     footprints.sort_unstable();
     footprints.dedup();
     let mut areas = vec![0_u32; pieces];
-    footprints.iter().for_each(|(_, label)| areas[*label as usize] += 1);
+    footprints.iter().for_each(|(_, piece)| areas[*piece as usize] += 1);
     let mut shared: BTreeMap<[u32; 2], u32> = BTreeMap::new();
-    for column in footprints.chunk_by(|a, b| a.0 == b.0) {
-        for (i, (_, lower)) in column.iter().enumerate() {
-            for (_, higher) in &column[i + 1..] {
-                *shared.entry([*lower, *higher]).or_default() += 1;
+    for cell in footprints.chunk_by(|a, b| a.0 == b.0) {
+        for (i, (_, one)) in cell.iter().enumerate() {
+            for (_, other) in &cell[i + 1..] {
+                *shared.entry([*one, *other]).or_default() += 1;
             }
         }
     }
@@ -49,14 +60,22 @@ pub(super) fn largest_stack(
             parents[a.max(b) as usize] = a.min(b);
         }
     }
-    let mut size_of_stack = vec![0; pieces];
-    for piece in 0..pieces {
-        size_of_stack[root(&mut parents, piece as u32) as usize] += sizes[piece];
+    (0..pieces as u32).map(|piece| root(&mut parents, piece)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The cells of a row on the support, for one piece.
+    fn row(cells: std::ops::Range<i64>, piece: u32) -> impl Iterator<Item = ([i64; 2], u32)> {
+        cells.map(move |x| ([x, 0], piece))
     }
-    // Of equal ones the first.
-    let largest = (0..pieces).rev().max_by_key(|&stack| size_of_stack[stack]).unwrap_or_default() as u32;
-    for (piece, is_of_largest) in (0_u32..).zip(&mut is_of_largest[..pieces]) {
-        *is_of_largest = root(&mut parents, piece) == largest;
+
+    #[test]
+    fn pieces_over_one_another_are_one_stack() {
+        // A disc, a stem under it, a thing beside it that is partly under its rim, and what lies on that thing.
+        let footprints = row(0..10, 0).chain(row(4..6, 1)).chain(row(8..14, 2)).chain(row(11..13, 3));
+        assert_eq!(stacks(footprints.collect(), 4), [0, 0, 2, 2]);
     }
-    is_of_largest
 }
