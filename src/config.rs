@@ -242,7 +242,8 @@ impl Default for Config {
 impl Config {
     /// The method of Dai et al. (arXiv 2606.16593): plane fit and centroid as the initial pose, point-to-point residuals, joint
     /// optimisation, yaw from the histogram, origin at the centroid. The foreground and the support plane are found by the rules
-    /// of this crate all the same (ARCHITECTURE.md, where it departs from the paper).
+    /// of this crate all the same, and its rounds of alignment to planes bring the initial pose near before points are aligned
+    /// (ARCHITECTURE.md, where it departs from the paper).
     #[must_use]
     pub fn paper() -> Self {
         Self {

@@ -105,7 +105,6 @@ impl Estimator {
             hints: &hints,
             within: self.hint(&prepared),
             visibility: prepared.visibility.as_ref(),
-            residual: config.residual,
             propose: &config.propose,
             detect: &config.detect,
             gate: self.final_gate(surface),

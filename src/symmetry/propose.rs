@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::config::Residual;
 use crate::error::Result;
 use crate::preprocess::outline::enclosing_middle;
 use crate::symmetry::axis::Axis;
@@ -157,7 +158,7 @@ pub fn propose(surface: &Surface, turns: &Turns, context: &SearchContext<'_>) ->
     Ok(proposals)
 }
 
-/// Aligns and scores each start on `samples`.
+/// Aligns and scores each start on `samples`; whatever residual follows, in a few rounds only planes bring it near.
 fn trial(
     surface: &Surface,
     samples: &Samples,
@@ -166,14 +167,14 @@ fn trial(
     starts: &[Axis],
     context: &SearchContext<'_>,
 ) -> Result<Vec<Proposal>> {
-    let &SearchContext { residual, visibility, control, .. } = context;
+    let &SearchContext { visibility, control, .. } = context;
     let refine = RefineParams { max_rounds: 4, max_normal_angle: 0.8, ..RefineParams::default() };
     let gate = Gate::new(gates[1], refine.max_normal_angle.cos());
     starts
         .par_iter()
         .map(|start| {
             let Refined { axis, .. } =
-                align(surface, samples, *start, turns, residual, gates, &refine, control)?;
+                align(surface, samples, *start, turns, Residual::PointToPlane, gates, &refine, control)?;
             Ok(Proposal { axis, score: match_score(surface, samples, &axis, turns, gate, visibility.into()) })
         })
         .collect()

@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
 use crate::symmetry::axis::Axis;
@@ -47,8 +46,6 @@ pub struct SearchContext<'a> {
     pub within: Option<Vector3<f64>>,
     /// What the cameras saw to be empty.
     pub visibility: Option<&'a Visibility>,
-    /// Distance that is minimised.
-    pub residual: Residual,
     /// How axes are proposed.
     pub propose: &'a ProposeParams,
     /// How orders are found.
