@@ -75,18 +75,18 @@ impl PointCloud {
             coinciding = leave_out(&mut points, &mut input_index, is_crowded);
         }
         let mut bounds = finite_bounds(&points)?;
+        let mut far = 0;
+        if let Some([least, most]) = usual_box(&points, bounds) {
+            let is_unusual = |p: &[f64; 3]| !(0..3).all(|axis| (least[axis]..=most[axis]).contains(&p[axis]));
+            far = leave_out(&mut points, &mut input_index, is_unusual);
+            bounds = finite_bounds(&points)?;
+        }
         if let Some(x) = bounds.as_flattened().iter().find(|x| x.abs() > LARGEST_COORDINATE) {
             return Err(Error::InvalidParameter {
                 name: "points",
                 value: format!("a coordinate of {x:e}"),
                 expected: "coordinates of at most 1e18 in magnitude",
             });
-        }
-        let mut far = 0;
-        if let Some([least, most]) = usual_box(&points, bounds) {
-            let is_unusual = |p: &[f64; 3]| !(0..3).all(|axis| (least[axis]..=most[axis]).contains(&p[axis]));
-            far = leave_out(&mut points, &mut input_index, is_unusual);
-            bounds = finite_bounds(&points)?;
         }
         let [lower, upper] = bounds;
         let origin = std::array::from_fn(|axis| 0.5 * lower[axis] + 0.5 * upper[axis]);
