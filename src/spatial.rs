@@ -131,7 +131,7 @@ impl KdTree {
     #[must_use]
     pub fn nearest_distinct(&self, query: &[f64; 3]) -> Option<Neighbor> {
         if let Some(places) = &self.places {
-            const TWO: NonZero<usize> = NonZero::new(2).unwrap();
+            const TWO: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(1);
             let found = self.tree.query(query).nearest_n::<Metric>(TWO).execute();
             let beside = found.into_iter().find(|place| place.distance > 0.0)?;
             return Some(Neighbor { index: places.at(beside.item)[0], distance_sq: beside.distance });

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::preprocess::{Clusters, root};
+use crate::preprocess::{Clusters, DisjointSets};
 use crate::symmetry::axis::Axis;
 
 /// Pieces that are looked at, at least so large [the largest piece].
@@ -53,14 +53,13 @@ fn stacks(mut footprints: Vec<([i64; 2], u32)>, pieces: usize) -> Vec<u32> {
             }
         }
     }
-    let mut parents: Vec<u32> = (0..pieces as u32).collect();
+    let mut joined = DisjointSets::new(pieces);
     for ([a, b], area) in shared {
         if f64::from(area) >= COVERED * f64::from(areas[a as usize].min(areas[b as usize])) {
-            let (a, b) = (root(&mut parents, a), root(&mut parents, b));
-            parents[a.max(b) as usize] = a.min(b);
+            joined.join(a, b);
         }
     }
-    (0..pieces as u32).map(|piece| root(&mut parents, piece)).collect()
+    (0..pieces as u32).map(|piece| joined.least(piece)).collect()
 }
 
 #[cfg(test)]

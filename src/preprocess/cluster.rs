@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::CHUNK;
+use super::disjoint_sets::DisjointSets;
 use super::grid::Grid;
 use crate::error::{Error, Result};
 
@@ -110,20 +111,7 @@ fn connect(points: &[[f64; 3]], grid: &Grid) -> Vec<u32> {
             links
         })
         .collect();
-    let mut parents: Vec<u32> = (0..grid.len as u32).collect();
-    for [a, b] in links.into_iter().flatten() {
-        let (a, b) = (root(&mut parents, a), root(&mut parents, b));
-        parents[a.max(b) as usize] = a.min(b);
-    }
-    (0..grid.len as u32).map(|cell| root(&mut parents, cell)).collect()
-}
-
-/// Representative of `cell`, halving the path to it.
-pub(crate) fn root(parents: &mut [u32], mut cell: u32) -> u32 {
-    while parents[cell as usize] != cell {
-        let above = parents[parents[cell as usize] as usize];
-        parents[cell as usize] = above;
-        cell = above;
-    }
-    cell
+    let mut pieces = DisjointSets::new(grid.len);
+    links.into_iter().flatten().for_each(|[a, b]| pieces.join(a, b));
+    (0..grid.len as u32).map(|cell| pieces.least(cell)).collect()
 }

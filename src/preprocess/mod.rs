@@ -15,6 +15,7 @@
 mod block;
 mod cells;
 mod cluster;
+mod disjoint_sets;
 mod eigen;
 mod grid;
 mod ground;
@@ -40,8 +41,8 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
-pub(crate) use cluster::root;
 pub use cluster::{ClusterParams, Clusters, main_cluster};
+pub(crate) use disjoint_sets::DisjointSets;
 pub use ground::{Ground, GroundParams, find_ground};
 pub use layers::{Layers, voxel_layers};
 pub use neighbors::{KNeighbors, median_spacing};

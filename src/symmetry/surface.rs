@@ -26,8 +26,8 @@ impl Samples {
         }
     }
 
-    /// About `count` of them, chosen by their place and their number alone: hardly another one changes when one comes or goes. `cell` is the
-    /// distance between them \[length\].
+    /// About `count` of them, chosen by their place and their number alone: where a point comes or goes, hardly any other
+    /// changes. `cell` is the distance between them \[length\].
     #[must_use]
     pub fn scattered(&self, count: usize, cell: f64) -> Self {
         let share = count as f64 / self.points.len().max(1) as f64;
