@@ -38,14 +38,15 @@
 //! - A cloud is shifted to a local origin before any arithmetic: georeferenced coordinates lose nothing.
 //! - The same input, configuration and seed give the same bytes at any number of threads.
 //! - Nothing prints, exits or configures the global thread pool, and no input makes an [`Estimator`], a filter or a reader panic:
-//!   whatever is wrong comes back as an [`Error`] with the value that was found. Arrays that belong together must have the same number of rows.
+//!   whatever is wrong comes back as an [`Error`] with the value that was found. Arrays that belong together must have the
+//!   same number of rows.
 //!
 //! # Parts
 //!
 //! [`Estimator`] runs the whole way from a cloud to an [`Estimate`]; a [`Request`] adds cancellation, a deadline, progress,
-//! a pose to start from and one to prefer, and a [`Reference`] in whose frame the pose is wanted. Each stage also works alone: the filters, planes, clusters and normals of
-//! [`preprocess`], the nearest neighbours of [`spatial`], the axis and its evidence in [`symmetry`], the errors of a pose
-//! in [`metrics`]. An [`Estimate`] serialises to the JSON that [`schema`] describes.
+//! a pose to start from and one to prefer, and a [`Reference`] in whose frame the pose is wanted. Each stage also works
+//! alone: the filters, planes, clusters and normals of [`preprocess`], the nearest neighbours of [`spatial`], the axis and
+//! its evidence in [`symmetry`], the errors of a pose in [`metrics`]. An [`Estimate`] serialises to the JSON that [`schema`] describes.
 //!
 //! # Features
 //!
