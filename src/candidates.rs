@@ -15,7 +15,7 @@ use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::pace::matching_pace;
-use crate::symmetry::refine::{RefineParams, Refined, align, align_from_beside, refine_jointly};
+use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
 use crate::symmetry::surface::{Gate, Surface};
@@ -176,20 +176,26 @@ impl Estimator {
     /// Aligns on a few of the points, then on many, then moves all points too.
     fn refine(&self, surface: &Surface, start: Axis, order: Order, control: &Control) -> Result<Refined> {
         let Config { residual, refine: params, .. } = self.config();
-        let turns = Turns::half(order, params.max_turns);
+        let residual = *residual;
+        let (half, all) = (Turns::half(order, params.max_turns), Turns::all(order, params.max_joint_turns));
         let last_gate = params.gate * surface.spacing;
-        let coarse = surface.samples.strided(COARSE);
         // The last digits of the search are noise, and different ones lead to slightly different ends: without them, two
         // clouds that differ by a rounding error almost always go the same way.
         let start = start.rounded(&surface.centroid, surface.radius, START_STEPS);
         let gates = [params.first_gate(surface.spacing), last_gate];
+        let few = surface.samples.strided(COARSE);
+        let coarse = Aligner { surface, samples: &few, turns: &half, residual, params };
         let from_beside = self.config().propose.search && !surface.oriented;
-        let align_coarse = if from_beside { align_from_beside } else { align };
-        let near = align_coarse(surface, &coarse, start, &turns, *residual, gates, params, control)?;
+        let near = if from_beside {
+            coarse.align_from_beside(start, gates, control)?
+        } else {
+            coarse.align(start, gates, control)?
+        };
+        let many = surface.samples.scattered(params.samples, surface.spacing);
         let full = RefineParams { max_rounds: params.max_full_rounds, ..params.clone() };
-        let samples = surface.samples.scattered(params.samples, surface.spacing);
-        let aligned = align(surface, &samples, near.axis, &turns, *residual, [last_gate; 2], &full, control)?;
-        refine_jointly(surface, &samples, &aligned, order, *residual, self.config().joint, params, control)
+        let fine = Aligner { samples: &many, params: &full, ..coarse };
+        let aligned = fine.align(near.axis, [last_gate; 2], control)?;
+        Aligner { turns: &all, ..fine }.refine_jointly(&aligned, self.config().joint, control)
     }
 
     /// How fast matching goes about the axis found.

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::preprocess::CHUNK;
 use crate::symmetry::axis::Axis;
-use crate::symmetry::complete::axis_frame;
 use crate::symmetry::order::Order;
 
 /// The pose on `axis`, and its heading \[rad\]; of the equivalent ones the one nearest in rotation to `preferred`, if there
@@ -21,14 +20,14 @@ pub(crate) fn place(
 ) -> (Isometry3<f64>, f64) {
     let pose = |angle: f64| {
         let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
-        axis_frame(axis) * Isometry3::from_parts(Vector3::new(0.0, 0.0, height).into(), about_axis)
+        axis.frame() * Isometry3::from_parts(Vector3::new(0.0, 0.0, height).into(), about_axis)
     };
     let Some(preferred) = preferred else { return (pose(heading), heading) };
     let (steps, start) = match order {
         Order::Cyclic(n) => (n, heading),
         _ => {
             // Any angle will do: turn +x as near to the preferred +x as it gets.
-            let x = axis_frame(axis).inverse() * (preferred * Vector3::x());
+            let x = axis.frame().inverse() * (preferred * Vector3::x());
             (1, x.y.atan2(x.x))
         }
     };

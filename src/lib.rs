@@ -60,6 +60,7 @@ pub mod cli;
 pub mod cloud;
 pub mod config;
 pub mod control;
+mod directions;
 pub mod error;
 pub mod estimate;
 mod frames;

@@ -11,8 +11,9 @@ use super::outline::{Flat, Outline, distance, enclosing_middle};
 use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
 use super::{CHUNK, check_finite};
 use crate::config::GroundMode;
+use crate::directions::tangents;
 use crate::error::Result;
-use crate::median::median;
+use crate::median::robust_sigma;
 
 /// Settings of [`find_ground`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -151,8 +152,7 @@ struct PlaneAxes([Vector3<f64>; 2]);
 
 impl PlaneAxes {
     fn new(normal: &Vector3<f64>) -> Self {
-        let u = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
-        Self([u, normal.cross(&u)])
+        Self(tangents(normal))
     }
 
     fn flat(&self, p: &[f64; 3]) -> Flat {
@@ -308,9 +308,7 @@ fn dominant_plane(points: &[[f64; 3]], params: &GroundParams, seed: u64) -> Opti
     for _ in 0..5 {
         let mut residuals: Vec<f64> =
             points.iter().map(|p| plane.distance(p).abs()).filter(|&r| r <= 2.0 * band).collect();
-        let deviation = median(&mut residuals)?;
-        // 1.4826 times the median absolute deviation is the standard deviation of a Gaussian.
-        band = (params.band * 1.4826 * deviation).clamp(1e-9 * rough, 2.0 * rough);
+        band = (params.band * robust_sigma(&mut residuals)).clamp(1e-9 * rough, 2.0 * rough);
         plane = plane.refitted(points, band)?;
     }
     Some((plane, band))

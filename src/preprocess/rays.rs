@@ -10,6 +10,7 @@ use super::neighbors::map_neighbors;
 use super::search::nearest;
 use super::selection::Found;
 use super::{at_least_one, check_finite};
+use crate::directions::tangents;
 use crate::error::Result;
 use crate::median::{median, robust_sigma};
 use crate::spatial::KdTree;
@@ -201,8 +202,7 @@ impl View {
     /// Rays beside the ray `i`.
     fn beside(&self, i: usize, found: &[Found]) -> Vec<Beside> {
         let ahead = Vector3::from(self.rays[i]);
-        let right = ahead.cross(&Vector3::ith(ahead.iamin(), 1.0)).normalize();
-        let down = ahead.cross(&right);
+        let [right, down] = tangents(&ahead);
         let farthest_sq = found.iter().fold(f64::MIN_POSITIVE, |farthest, n| farthest.max(n.distance_sq()));
         let beside = |neighbor: &Found| {
             let ray = Vector3::from(self.rays[neighbor.index as usize]);

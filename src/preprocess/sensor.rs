@@ -6,6 +6,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::eigen::smallest_eigenvector;
 use super::moments::Moments;
+use crate::directions::tangents;
 use crate::median::median;
 
 /// Distance between places that pass for one [distance to the surface].
@@ -175,8 +176,7 @@ fn common_line<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> Option<Line> 
             normals += row.normal * row.normal.transpose() * *weight;
         }
         let (along, [_, difference_sq, sum]) = smallest_eigenvector(&normals);
-        let u = along.cross(&Vector3::ith(along.iamin(), 1.0)).normalize();
-        let v = along.cross(&u);
+        let [u, v] = tangents(&along);
         let (mut products, mut moment) = (Matrix2::zeros(), Vector2::zeros());
         for (row, weight) in rows.clone().zip(&weights) {
             let normal = Vector2::new(row.normal.dot(&u), row.normal.dot(&v));

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::{KNeighbors, NormalParams, normals_from_neighbors, voxel_downsample};
+use crate::directions::{spiral, tangents};
 use crate::error::Result;
 use crate::median::median;
 use crate::spatial::KdTree;
@@ -125,17 +126,10 @@ impl Surface {
         })
     }
 
-    /// Places on a sphere about the centroid, evenly spread (a spiral by the golden angle).
+    /// Places on a sphere about the centroid, evenly spread.
     fn all_around(&self, distance: f64) -> Vec<Vector3<f64>> {
-        let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-        (0..DIRECTIONS)
-            .map(|i| {
-                let z = 1.0 - (2.0 * i as f64 + 1.0) / DIRECTIONS as f64;
-                let (sin, cos) = (golden * i as f64).sin_cos();
-                let r = (1.0 - z * z).sqrt();
-                self.centroid + Vector3::new(r * cos, r * sin, z) * distance
-            })
-            .collect()
+        let heights = (0..DIRECTIONS).map(|i| 1.0 - (2.0 * i as f64 + 1.0) / DIRECTIONS as f64);
+        spiral(heights).map(|direction| self.centroid + direction * distance).collect()
     }
 
     /// The one of `places` that has most points in sight, the first of several.
@@ -156,7 +150,7 @@ impl Surface {
         let mut step = STEP;
         for _ in 0..rounds {
             let from_centroid = best.place - self.centroid;
-            let [u, v] = across(&from_centroid);
+            let [u, v] = tangents(&from_centroid.normalize());
             let aside = (0..SIDEWAYS).map(|i| {
                 let (sin, cos) = (std::f64::consts::TAU * i as f64 / SIDEWAYS as f64).sin_cos();
                 let distance = from_centroid.norm();
@@ -186,7 +180,7 @@ impl Surface {
             return 0.0;
         }
         let axis = (self.centroid - place) / distance;
-        let [u, v] = across(&axis);
+        let [u, v] = tangents(&axis);
         // The image is as wide as a sphere about the centroid looks.
         let half_width = self.extent * distance / nearest;
         let side = (2.0 * half_width / self.cell) as usize + 2;
@@ -225,12 +219,4 @@ impl Surface {
 struct Ray {
     pixel: usize,
     depth: f64,
-}
-
-/// Two unit vectors normal to `direction` and to each other.
-fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
-    let mut other = Vector3::zeros();
-    other[direction.iamin()] = 1.0;
-    let u = direction.cross(&other).normalize();
-    [u, direction.cross(&u).normalize()]
 }

@@ -78,7 +78,7 @@ pub struct SelfAlignment<'a> {
     /// Rotations of the symmetry and their weights.
     pub turns: &'a Turns,
     /// Matches, fixed while solving.
-    pub correspondences: &'a Correspondences,
+    pub correspondences: Correspondences,
     /// Distance that is minimised.
     pub residual: Residual,
     /// Robust loss, its width frozen while solving.

@@ -1,6 +1,8 @@
 //! The symmetry axis as a line: four parameters, not six.
 
-use nalgebra::{Matrix3, Rotation3, Unit, UnitVector3, Vector3, Vector4};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Unit, UnitVector3, Vector3, Vector4};
+
+use crate::directions::tangents;
 
 /// A line in space: where the rotations of a symmetry take place.
 ///
@@ -24,10 +26,15 @@ impl Axis {
     /// Two unit vectors that span the plane normal to the axis; right-handed with the direction.
     #[must_use]
     pub fn tangents(&self) -> [Vector3<f64>; 2] {
-        let a = self.direction.into_inner();
-        let least = Vector3::ith(a.iamin(), 1.0);
-        let u = a.cross(&least).normalize();
-        [u, a.cross(&u)]
+        tangents(&self.direction)
+    }
+
+    /// Frame with +z along the line and the origin at its point: +x and +y are the tangents.
+    #[must_use]
+    pub fn frame(&self) -> Isometry3<f64> {
+        let [x, y] = self.tangents();
+        let rotation = Rotation3::from_basis_unchecked(&[x, y, self.direction.into_inner()]);
+        Isometry3::from_parts(self.point.into(), rotation.into())
     }
 
     /// Applies a step: tilt about both tangents \[rad\], then shift along both \[length\].

@@ -36,14 +36,6 @@ impl Completion {
     }
 }
 
-/// Frame with +z along the axis and the origin at its point: x and y are the tangents of the axis.
-#[must_use]
-pub fn axis_frame(axis: &Axis) -> nalgebra::Isometry3<f64> {
-    let [x, y] = axis.tangents();
-    let rotation = nalgebra::Rotation3::from_basis_unchecked(&[x, y, axis.direction.into_inner()]);
-    nalgebra::Isometry3::from_parts(axis.point.into(), rotation.into())
-}
-
 /// One measured point in the polar grid: its cell in the folded sector, and its sector.
 struct Folded {
     key: (i32, i32, u32),
@@ -74,7 +66,7 @@ impl Ring {
 /// Completes `points` about `axis` on a grid with edge `cell` \[length\].
 #[must_use]
 pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Completion {
-    let surface_from_axis = axis_frame(axis);
+    let surface_from_axis = axis.frame();
     let axis_from_surface = surface_from_axis.inverse();
     let mut folded: Vec<Folded> = points
         .par_iter()

@@ -9,7 +9,6 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 
 use crate::symmetry::axis::Axis;
-use crate::symmetry::complete::axis_frame;
 use crate::symmetry::order::Order;
 use crate::symmetry::surface::Samples;
 
@@ -69,7 +68,7 @@ impl Folded {
 /// Folds `samples` about `axis`; `spacing` is the typical distance between them \[length\].
 #[must_use]
 pub fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -> Folded {
-    let to_axis = axis_frame(axis).rotation.inverse();
+    let to_axis = axis.frame().rotation.inverse();
     let mut points: Vec<FoldedPoint> = samples
         .points
         .par_iter()

@@ -3,6 +3,7 @@
 use serde::de::Visitor;
 use serde::{Deserialize, Serialize};
 
+use crate::directions::GOLDEN_ANGLE;
 use crate::error::{Error, Result};
 
 /// The largest discrete order that may be declared.
@@ -49,9 +50,6 @@ impl Order {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Turns(Vec<(f64, f64)>);
 
-/// The golden angle: its multiples share no small divisor with a full turn, so they alias with no discrete order.
-const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
-
 impl Turns {
     /// Rotations for finding the axis, at most `max` of them.
     ///
@@ -90,6 +88,7 @@ impl Turns {
         Self(vec![(angle, 1.0)])
     }
 
+    /// Multiples of the golden angle alias with no discrete order.
     fn golden(count: usize) -> Self {
         Self((1..=count).map(|k| ((GOLDEN_ANGLE * k as f64) % std::f64::consts::TAU, 1.0)).collect())
     }

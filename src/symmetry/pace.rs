@@ -7,8 +7,8 @@ use crate::config::Residual;
 use crate::error::Result;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Turns;
-use crate::symmetry::refine::{RefineParams, round};
-use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::refine::{Aligner, RefineParams};
+use crate::symmetry::surface::Surface;
 
 /// Points of the surface that are rotated; it is their mean that counts.
 const SAMPLES: usize = 1_000;
@@ -31,15 +31,16 @@ pub fn matching_pace(
     residual: Residual,
     params: &RefineParams,
 ) -> Result<Matrix4<f64>> {
-    let samples = surface.samples.strided(SAMPLES);
-    let gate = Gate::new(params.gate * surface.spacing, params.max_normal_angle.cos());
+    let samples = &surface.samples.strided(SAMPLES);
+    let aligner = Aligner { surface, samples, turns, residual, params };
+    let gate = aligner.last_gate();
     let off = PROBE * surface.spacing;
     let probe = Vector4::new(off / surface.radius, off / surface.radius, off, off);
     // The few points of a round are too few to share among threads, the rounds are not.
     let ends = (0..8).into_par_iter().map(|k| {
         let (i, sign) = (k / 2, if k % 2 == 0 { 1.0 } else { -1.0 });
         let start = axis.retract(&Vector4::ith(i, sign * probe[i]));
-        let end = round(surface, &samples, &start, turns, gate, residual, params)?;
+        let end = aligner.round(&start, gate)?;
         Ok(axis.step_to(&end.axis))
     });
     let ends: Vec<Vector4<f64>> = ends.collect::<Result<_>>()?;

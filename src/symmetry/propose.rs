@@ -5,11 +5,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::config::Residual;
+use crate::directions::spiral;
 use crate::error::Result;
 use crate::preprocess::outline::enclosing_middle;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Turns;
-use crate::symmetry::refine::{RefineParams, Refined, align};
+use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::SearchContext;
 use crate::symmetry::surface::{Gate, Samples, Surface};
@@ -91,15 +92,9 @@ pub(crate) fn outline_center(points: &[Vector3<f64>], axis: &Axis) -> Vector3<f6
     axis.point + u * x + v * y
 }
 
-/// `count` unit vectors spread evenly over the half sphere (Fibonacci lattice).
+/// `count` unit vectors spread evenly over the half sphere.
 fn half_sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    (0..count).map(move |i| {
-        let z = (i as f64 + 0.5) / count as f64;
-        let radius = (1.0 - z * z).sqrt();
-        let (sin, cos) = (golden * i as f64).sin_cos();
-        Vector3::new(radius * cos, radius * sin, z)
-    })
+    spiral((0..count).map(move |i| (i as f64 + 0.5) / count as f64))
 }
 
 /// Whether an axis passes through the part and near the hint.
@@ -169,12 +164,12 @@ fn trial(
 ) -> Result<Vec<Proposal>> {
     let &SearchContext { visibility, control, .. } = context;
     let refine = RefineParams { max_rounds: 4, max_normal_angle: 0.8, ..RefineParams::default() };
+    let aligner = Aligner { surface, samples, turns, residual: Residual::PointToPlane, params: &refine };
     let gate = Gate::new(gates[1], refine.max_normal_angle.cos());
     starts
         .par_iter()
         .map(|start| {
-            let Refined { axis, .. } =
-                align(surface, samples, *start, turns, Residual::PointToPlane, gates, &refine, control)?;
+            let Refined { axis, .. } = aligner.align(*start, gates, control)?;
             Ok(Proposal { axis, score: match_score(surface, samples, &axis, turns, gate, visibility.into()) })
         })
         .collect()

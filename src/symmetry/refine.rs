@@ -8,7 +8,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, residuals};
 use crate::symmetry::axis::Axis;
-use crate::symmetry::order::{Order, Turns};
+use crate::symmetry::order::Turns;
 use crate::symmetry::robust::{Huber, robust_sigma};
 use crate::symmetry::sandwich::Sandwich;
 use crate::symmetry::score::match_score;
@@ -83,8 +83,6 @@ pub struct Refined {
     pub sigma: f64,
     /// Rounds of matching.
     pub rounds: usize,
-    /// Whether the last round moved less than the tolerance.
-    pub converged: bool,
     /// What the uncertainty of the four axis parameters is made of.
     pub sandwich: Sandwich,
     /// Robust joint cost per match before and after the joint optimisation [squared length].
@@ -143,106 +141,169 @@ impl Motion {
     }
 }
 
-/// [`align`], then again from starts tilted to either side of what it found; the axis about which most points meet wins.
-///
-/// Where it is not known from which side a point was seen, one side of a blade may come to rest on the other, a little
-/// beside the truth.
-///
-/// # Errors
-/// When the work is cancelled.
-#[allow(clippy::too_many_arguments)]
-pub fn align_from_beside(
-    surface: &Surface,
-    samples: &Samples,
-    start: Axis,
-    turns: &Turns,
-    residual: Residual,
-    gates: [f64; 2],
-    params: &RefineParams,
-    control: &Control,
-) -> Result<Refined> {
-    /// Tilt of these starts \[rad\].
-    const TILT: f64 = 0.02;
-    /// Matches that another axis must have [those of the best one].
-    const BETTER: f64 = 1.02;
-    let gate = Gate::new(gates[1], params.max_normal_angle.cos());
-    let matched = |axis: &Axis| match_score(surface, samples, axis, turns, gate, None.into()).matched as f64;
-    let align_at = |axis: Axis| align(surface, samples, axis, turns, residual, gates, params, control);
-    let mut best = align_at(start)?;
-    let mut most = matched(&best.axis);
-    for [x, y] in [[TILT, 0.0], [-TILT, 0.0], [0.0, TILT], [0.0, -TILT]] {
-        let other = align_at(best.axis.retract(&Vector4::new(x, y, 0.0, 0.0)))?;
-        let count = matched(&other.axis);
-        if count > BETTER * most {
-            (best, most) = (other, count);
-        }
-    }
-    Ok(best)
+/// Aligns a surface with its own rotated copies.
+#[derive(Debug, Clone, Copy)]
+pub struct Aligner<'a> {
+    /// The measured surface.
+    pub surface: &'a Surface,
+    /// The points of it that are rotated.
+    pub samples: &'a Samples,
+    /// Rotations of the symmetry and their weights.
+    pub turns: &'a Turns,
+    /// Distance that is minimised.
+    pub residual: Residual,
+    /// How far and how often.
+    pub params: &'a RefineParams,
 }
 
-/// Aligns the surface with its own rotated copies, moving only the axis.
-///
-/// `gates` are the distances \[length\] by which a rotated point may miss the surface, at the start and at the end; the
-/// gate halves from one to the other.
-///
-/// # Errors
-/// When the work is cancelled.
-#[allow(clippy::too_many_arguments)]
-pub fn align(
-    surface: &Surface,
-    samples: &Samples,
-    start: Axis,
-    turns: &Turns,
-    residual: Residual,
-    [first_gate, last_gate]: [f64; 2],
-    params: &RefineParams,
-    control: &Control,
-) -> Result<Refined> {
-    let (centroid, radius) = (surface.centroid, surface.radius);
-    let mut axis = start.recentered(&centroid);
-    let mut refined = Refined {
-        axis,
-        offsets: Vec::new(),
-        sigma: 0.0,
-        rounds: 0,
-        converged: false,
-        sandwich: Sandwich::default(),
-        costs: Vec::new(),
-    };
-    // Share of an error of the axis that a round makes good, in (0, 1]; the rest is lost to the noise.
-    let mut gain = 1.0;
-    let schedule = gates(first_gate, last_gate);
-    for (level, &distance) in schedule.iter().enumerate() {
-        let last = level + 1 == schedule.len();
-        let gate = Gate::new(distance, params.max_normal_angle.cos());
-        let rounds = if last { params.max_rounds } else { params.max_rounds.min(3) };
-        let mut before: Option<Motion> = None;
-        for _ in 0..rounds {
-            control.check()?;
-            let Round { axis: moved, sigma } = round(surface, samples, &axis, turns, gate, residual, params)?;
-            let motion = Motion::between(&axis, &moved, radius);
-            // Under a wide gate the first steps are large and say little about the next ones.
-            let ratio = before.filter(|_| last).and_then(|before| motion.ratio(&before));
-            if let Some(ratio) = ratio {
-                gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
-            }
-            // Aitken's extrapolation to where ever shorter steps would end.
-            let ahead = ratio.map_or(0.0, |ratio| 1.0 / (1.0 - ratio).max(LEAST_GAIN) - 1.0);
-            // What is left when each round makes good only a share; an extrapolated step needs one more to say so.
-            let step = motion.length() / gain;
-            axis = motion.applied(&moved, ahead, radius).recentered(&centroid);
-            // An extrapolated step says nothing about the pace.
-            before = (ahead == 0.0).then_some(motion);
-            refined.rounds += 1;
-            refined.sigma = sigma;
-            refined.converged = step < params.tolerance * surface.spacing;
-            if refined.converged || (!last && step < 0.1 * distance) {
-                break;
+impl<'a> Aligner<'a> {
+    /// [`Aligner::align`], then again from starts tilted to either side of what it found; the axis about which most points meet
+    /// wins.
+    ///
+    /// Where it is not known from which side a point was seen, one side of a blade may come to rest on the other, a little
+    /// beside the truth.
+    ///
+    /// # Errors
+    /// When the work is cancelled.
+    pub fn align_from_beside(&self, start: Axis, gates: [f64; 2], control: &Control) -> Result<Refined> {
+        /// Tilt of these starts \[rad\].
+        const TILT: f64 = 0.02;
+        /// Matches that another axis must have [those of the best one].
+        const BETTER: f64 = 1.02;
+        let gate = self.gate(gates[1]);
+        let matched = |axis: &Axis| {
+            match_score(self.surface, self.samples, axis, self.turns, gate, None.into()).matched as f64
+        };
+        let mut best = self.align(start, gates, control)?;
+        let mut most = matched(&best.axis);
+        for [x, y] in [[TILT, 0.0], [-TILT, 0.0], [0.0, TILT], [0.0, -TILT]] {
+            let other = self.align(best.axis.retract(&Vector4::new(x, y, 0.0, 0.0)), gates, control)?;
+            let count = matched(&other.axis);
+            if count > BETTER * most {
+                (best, most) = (other, count);
             }
         }
+        Ok(best)
     }
-    refined.axis = axis;
-    Ok(refined)
+
+    /// Moves only the axis.
+    ///
+    /// `gates` are the distances \[length\] by which a rotated point may miss the surface, at the start and at the end; the
+    /// gate halves from one to the other.
+    ///
+    /// # Errors
+    /// When the work is cancelled.
+    pub fn align(
+        &self,
+        start: Axis,
+        [first_gate, last_gate]: [f64; 2],
+        control: &Control,
+    ) -> Result<Refined> {
+        let Self { surface: Surface { centroid, radius, spacing, .. }, params, .. } = self;
+        let mut axis = start.recentered(centroid);
+        let (mut last_sigma, mut rounds_made) = (0.0, 0);
+        // Share of an error of the axis that a round makes good, in (0, 1]; the rest is lost to the noise.
+        let mut gain = 1.0;
+        let schedule = gates(first_gate, last_gate);
+        for (level, &distance) in schedule.iter().enumerate() {
+            let last = level + 1 == schedule.len();
+            let gate = self.gate(distance);
+            let rounds = if last { params.max_rounds } else { params.max_rounds.min(3) };
+            let mut before: Option<Motion> = None;
+            for _ in 0..rounds {
+                control.check()?;
+                let Round { axis: moved, sigma } = self.round(&axis, gate)?;
+                let motion = Motion::between(&axis, &moved, *radius);
+                // Under a wide gate the first steps are large and say little about the next ones.
+                let ratio = before.filter(|_| last).and_then(|before| motion.ratio(&before));
+                if let Some(ratio) = ratio {
+                    gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
+                }
+                // Aitken's extrapolation to where ever shorter steps would end.
+                let ahead = ratio.map_or(0.0, |ratio| 1.0 / (1.0 - ratio).max(LEAST_GAIN) - 1.0);
+                // What is left when each round makes good only a share; an extrapolated step needs one more to say so.
+                let step = motion.length() / gain;
+                axis = motion.applied(&moved, ahead, *radius).recentered(centroid);
+                // An extrapolated step says nothing about the pace.
+                before = (ahead == 0.0).then_some(motion);
+                (last_sigma, rounds_made) = (sigma, rounds_made + 1);
+                if step < params.tolerance * spacing || (!last && step < 0.1 * distance) {
+                    break;
+                }
+            }
+        }
+        Ok(Refined {
+            axis,
+            offsets: Vec::new(),
+            sigma: last_sigma,
+            rounds: rounds_made,
+            sandwich: Sandwich::default(),
+            costs: Vec::new(),
+        })
+    }
+
+    /// The paper's joint optimisation: axis and points together, from an aligned axis; then all points of the surface follow
+    /// the axis. With `joint` false the points stay where they were measured, and only the information about the axis is
+    /// gathered.
+    ///
+    /// # Errors
+    /// When the work is cancelled.
+    pub fn refine_jointly(&self, aligned: &Refined, joint: bool, control: &Control) -> Result<Refined> {
+        control.check()?;
+        let gate = self.last_gate();
+        let (problem, sigma) = self.problem(&aligned.axis, gate);
+        let moving = if joint { self.samples.points.len() } else { 0 };
+        let unknowns = Unknowns { axis: aligned.axis, offsets: vec![Vector3::zeros(); moving] };
+        let (axis, costs, offsets) = if joint {
+            let steps = self.params.max_joint_steps;
+            let Minimum { param, costs } = minimize(&problem, unknowns, steps)?;
+            let axis = param.axis.recentered(&self.surface.centroid);
+            control.check()?;
+            let SelfAlignment { turns, residual, loss, anchor, max_offset, .. } = problem;
+            let rest = Rest { turns, gate, residual, loss, anchor, max_offset, steps };
+            (axis, costs, rest.offsets(self.surface, &axis))
+        } else {
+            (aligned.axis, [problem.cost(&unknowns)?; 2], Vec::new())
+        };
+        let matches = problem.correspondences.count().max(1) as f64;
+        Ok(Refined {
+            axis,
+            sandwich: problem.sandwich(&axis),
+            offsets,
+            sigma,
+            costs: costs.map(|cost| cost / matches).to_vec(),
+            ..aligned.clone()
+        })
+    }
+
+    /// Matches once and takes one step.
+    pub(super) fn round(&self, axis: &Axis, gate: Gate) -> Result<Round> {
+        let (problem, sigma) = self.problem(axis, gate);
+        let solved = minimize(&problem, Unknowns { axis: *axis, offsets: Vec::new() }, 1)?;
+        Ok(Round { axis: solved.param.axis.recentered(&self.surface.centroid), sigma })
+    }
+
+    /// The matches about `axis`, with a loss as wide as they scatter: their robust standard deviation \[length\].
+    pub(super) fn problem(&self, axis: &Axis, gate: Gate) -> (SelfAlignment<'a>, f64) {
+        let Self { surface, samples, turns, residual, params } = *self;
+        let correspondences = Correspondences::find(surface, samples, axis, turns, gate);
+        let mut found = residuals(surface, samples, axis, turns, &correspondences, residual);
+        let sigma = robust_sigma(&mut found).max(1e-9 * surface.radius);
+        let loss = Huber { width: params.huber_width * sigma };
+        let (anchor, max_offset) = (params.anchor, surface.spacing);
+        let problem =
+            SelfAlignment { surface, samples, turns, correspondences, residual, loss, anchor, max_offset };
+        (problem, sigma)
+    }
+
+    /// The gate on which the refinement ends.
+    pub(super) fn last_gate(&self) -> Gate {
+        self.gate(self.params.gate * self.surface.spacing)
+    }
+
+    fn gate(&self, distance: f64) -> Gate {
+        Gate::new(distance, self.params.max_normal_angle.cos())
+    }
 }
 
 /// An axis after one round of matching.
@@ -251,88 +312,4 @@ pub(super) struct Round {
     pub(super) axis: Axis,
     /// Robust standard deviation of the residuals before the step \[length\].
     sigma: f64,
-}
-
-/// Matches once and takes one step.
-pub(super) fn round(
-    surface: &Surface,
-    samples: &Samples,
-    axis: &Axis,
-    turns: &Turns,
-    gate: Gate,
-    residual: Residual,
-    params: &RefineParams,
-) -> Result<Round> {
-    let correspondences = Correspondences::find(surface, samples, axis, turns, gate);
-    let mut found = residuals(surface, samples, axis, turns, &correspondences, residual);
-    let sigma = robust_sigma(&mut found).max(1e-9 * surface.radius);
-    let problem = SelfAlignment {
-        surface,
-        samples,
-        turns,
-        correspondences: &correspondences,
-        residual,
-        loss: Huber { width: params.huber_width * sigma },
-        anchor: params.anchor,
-        max_offset: 0.0,
-    };
-    let solved = minimize(&problem, Unknowns { axis: *axis, offsets: Vec::new() }, 1)?;
-    Ok(Round { axis: solved.param.axis.recentered(&surface.centroid), sigma })
-}
-
-/// The paper's joint optimisation: axis and points together, from an aligned axis, on `samples` of the surface; then all
-/// points of the surface follow the axis. With `joint` false the points stay where they were measured, and only the
-/// information about the axis is gathered.
-///
-/// # Errors
-/// When the work is cancelled.
-#[allow(clippy::too_many_arguments)]
-pub fn refine_jointly(
-    surface: &Surface,
-    samples: &Samples,
-    aligned: &Refined,
-    order: Order,
-    residual: Residual,
-    joint: bool,
-    params: &RefineParams,
-    control: &Control,
-) -> Result<Refined> {
-    let (centroid, radius) = (surface.centroid, surface.radius);
-    let turns = Turns::all(order, params.max_joint_turns);
-    let gate = Gate::new(params.gate * surface.spacing, params.max_normal_angle.cos());
-    control.check()?;
-    let correspondences = Correspondences::find(surface, samples, &aligned.axis, &turns, gate);
-    let mut found = residuals(surface, samples, &aligned.axis, &turns, &correspondences, residual);
-    let sigma = robust_sigma(&mut found).max(1e-9 * radius);
-    let problem = SelfAlignment {
-        surface,
-        samples,
-        turns: &turns,
-        correspondences: &correspondences,
-        residual,
-        loss: Huber { width: params.huber_width * sigma },
-        anchor: params.anchor,
-        max_offset: surface.spacing,
-    };
-    let moving = if joint { samples.points.len() } else { 0 };
-    let unknowns = Unknowns { axis: aligned.axis, offsets: vec![Vector3::zeros(); moving] };
-    let (axis, costs, offsets) = if joint {
-        let Minimum { param, costs } = minimize(&problem, unknowns, params.max_joint_steps)?;
-        let axis = param.axis.recentered(&centroid);
-        control.check()?;
-        let SelfAlignment { turns, loss, anchor, max_offset, .. } = problem;
-        let rest = Rest { turns, gate, residual, loss, anchor, max_offset, steps: params.max_joint_steps };
-        (axis, costs, rest.offsets(surface, &axis))
-    } else {
-        (aligned.axis, [problem.cost(&unknowns)?; 2], Vec::new())
-    };
-    let matches = correspondences.count().max(1) as f64;
-    Ok(Refined {
-        axis,
-        sandwich: problem.sandwich(&axis),
-        offsets,
-        sigma,
-        costs: costs.map(|cost| cost / matches).to_vec(),
-        ..aligned.clone()
-    })
 }

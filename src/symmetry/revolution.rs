@@ -50,14 +50,14 @@ mod tests {
     use nalgebra::{Rotation3, Unit};
 
     use super::*;
+    use crate::directions::GOLDEN_ANGLE;
     use crate::symmetry::surface::Samples;
 
     /// A ball on a stem about the z axis, and as many points again as `bumps` says that face anywhere.
     fn ball_on_a_stem(bumps: usize) -> Samples {
-        let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
         let mut samples = Samples { points: Vec::new(), normals: Vec::new() };
         for i in 0..1500 {
-            let angle = golden * i as f64;
+            let angle = GOLDEN_ANGLE * i as f64;
             let around = Vector3::new(angle.cos(), angle.sin(), 0.0);
             let share = i as f64 / 1500.0;
             let facing = around * (1.0 - share * share).sqrt() + Vector3::z() * share;

@@ -5,13 +5,12 @@ use rayon::prelude::*;
 
 use crate::config::Residual;
 use crate::median::robust_sigma;
-use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, residuals};
+use crate::symmetry::alignment::{SelfAlignment, Unknowns};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::covariance::{INFLATION, INFLATION_BESIDE_VIEWS};
 use crate::symmetry::order::Turns;
-use crate::symmetry::refine::RefineParams;
-use crate::symmetry::robust::Huber;
-use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::refine::{Aligner, RefineParams};
+use crate::symmetry::surface::{Samples, Surface};
 use crate::symmetry::view_axes::covariance_of_view_axes;
 
 /// What each view measured near each point of a surface.
@@ -96,13 +95,8 @@ impl ViewErrors {
         params: &RefineParams,
     ) -> Matrix4<f64> {
         let samples = &surface.samples.strided(SAMPLES);
-        let gate = Gate::new(params.gate * surface.spacing, params.max_normal_angle.cos());
-        let correspondences = &Correspondences::find(surface, samples, axis, turns, gate);
-        let mut found = residuals(surface, samples, axis, turns, correspondences, residual);
-        let width = params.huber_width * robust_sigma(&mut found).max(1e-9 * surface.radius);
-        let (loss, anchor, max_offset) = (Huber { width }, params.anchor, 0.0);
-        let problem =
-            SelfAlignment { surface, samples, turns, correspondences, residual, loss, anchor, max_offset };
+        let aligner = Aligner { surface, samples, turns, residual, params };
+        let (problem, _) = aligner.problem(axis, aligner.last_gate());
         match &self.spread {
             Some(spread) => self.response_of_axis(&problem, axis, spread),
             None => covariance_of_view_axes(&problem, axis, self),
