@@ -87,6 +87,17 @@ impl Estimate {
         self.score >= Self::TRUSTWORTHY
     }
 
+    /// In terms of a whole scan, of which the cloud held only these `rows`; `warnings` of how they were chosen come first.
+    #[cfg(any(feature = "cli", feature = "python"))]
+    #[must_use]
+    pub(crate) fn of_scan(mut self, rows: Option<&[u32]>, warnings: Vec<String>) -> Self {
+        if let Some(rows) = rows {
+            self.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
+        }
+        self.warnings.splice(0..0, warnings);
+        self
+    }
+
     /// Turns about +z of the object that leave the part as it looks, the identity first: as many as its order, or `steps` (at
     /// least one) of a continuous symmetry.
     pub fn symmetries(&self, steps: u32) -> impl ExactSizeIterator<Item = UnitQuaternion<f64>> + use<> {

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, final, overload
 
 import numpy as np
@@ -17,6 +18,7 @@ __all__ = [
     "adds",
     "check_config",
     "cli_main",
+    "cli_scan",
     "config_to_toml",
     "default_config",
     "estimate",
@@ -32,7 +34,13 @@ __all__ = [
 
 __version__: str
 
-def cli_main(arguments: Sequence[str]) -> int: ...
+def cli_main(
+    arguments: Sequence[str],
+    *,
+    scan: Mapping[str, Any] | None = None,
+    cloud: Mapping[str, Any] | None = None,
+) -> int: ...
+def cli_scan(arguments: Sequence[str]) -> tuple[Path, str | None] | None: ...
 def default_config() -> str: ...
 def paper_config() -> str: ...
 def check_config(config: str) -> str: ...

@@ -11,7 +11,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sympose import _core
 from sympose.errors import (
@@ -70,11 +70,41 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _rust(arguments: Sequence[str]) -> int:
     sys.stdout.flush()
-    code = _core.cli_main(["sympose", *arguments])
+    line = ["sympose", *arguments]
+    code = _core.cli_main(line, **_given(line))
     if arguments in (["--help"], ["-h"], ["help"]):
         rows = (f"  {name:<10}{command.summary}\n" for name, command in _COMMANDS.items())
         sys.stdout.write(f"\nCommands of the Python package:\n{''.join(rows)}")
+        sys.stdout.write("It also reads NPY and NPZ files, and COLMAP models from their folders.\n")
     return code
+
+
+def _given(line: Sequence[str]) -> dict[str, Any]:
+    """What stands for the file with the scan, where only the Python package reads files of its kind."""
+    from sympose.io.files import is_only_read_here, read
+
+    found = _core.cli_scan(line)
+    if found is None or not is_only_read_here(found[0]):
+        return {}
+    path, settings = found
+    scene = read(path)
+    if settings is not None:
+        from sympose.config import Config
+        from sympose.estimation import cloud_of
+
+        return {"cloud": cloud_of(scene, scene.views, Config(**json.loads(settings)))}
+    places = scene.viewpoints
+    one_place = places is None or (places == places[0]).all()
+    if not one_place:
+        sys.stderr.write(f"sympose: {path}: the viewpoints of its points count for estimate only\n")
+    return {
+        "scan": {
+            "points": scene.points,
+            "normals": scene.normals,
+            "colors": None if scene.colors is None else scene.colors.tolist(),
+            "viewpoint": places[0].tolist() if places is not None and one_place else None,
+        }
+    }
 
 
 def _segment(arguments: Sequence[str]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import time
 from collections.abc import Callable, Sequence
@@ -115,30 +116,43 @@ def estimate(
     settings = (config or Config()).replace(**changes)
     source = _as_scene(scene)
     views = source.views if views is None else as_views(views)
+    watch = Watch(timeout, progress)
+    cloud = cloud_of(source, views, settings, watch)
+    if viewpoints is not None:
+        cloud["viewpoints"] = viewpoints
+    if normals is not None:
+        cloud["normals"] = normals
+    return _core.estimate(
+        **cloud,
+        config=settings.to_json(),
+        initial=initial.pose if isinstance(initial, Estimate) else initial,
+        prefer=prefer.pose if isinstance(prefer, Estimate) else prefer,
+        reference=reference,
+        timeout=watch.remaining(),
+        progress=watch.progress if views else progress,
+    )
+
+
+def cloud_of(
+    source: Scene, views: Sequence[View], settings: Config, watch: Watch | None = None
+) -> dict[str, Any]:
+    """What `_core` takes of a scene, its foreground segmented where there are views."""
     pictures = [(view.world_from_camera, field_of_view(view.camera)) for view in views or source.views]
     foreground: NDArray[np.bool_] | None = None
     warnings: list[str] = []
     if views:
-        watch = _Watch(timeout, progress)
         finite = _finite(source.points, settings)
-        foreground, warnings = _segmented(source.points, views, settings.seed, watch)
+        foreground, warnings = _segmented(source.points, views, settings.seed, watch or Watch())
         # No view sees points that are not finite; they go on, to be counted among those that are dropped.
         foreground |= ~finite
-        timeout, progress = watch.remaining(), watch.progress
-    return _core.estimate(
-        source.points,
-        config=settings.to_json(),
-        viewpoints=source.viewpoints if viewpoints is None else viewpoints,
-        normals=source.normals if normals is None else normals,
-        foreground=foreground,
-        pictures=[(pose, corners) for pose, corners in pictures if corners is not None],
-        initial=initial.pose if isinstance(initial, Estimate) else initial,
-        prefer=prefer.pose if isinstance(prefer, Estimate) else prefer,
-        reference=reference,
-        timeout=timeout,
-        progress=progress,
-        warnings=warnings,
-    )
+    return {
+        "points": source.points,
+        "viewpoints": source.viewpoints,
+        "normals": source.normals,
+        "foreground": foreground,
+        "pictures": [(pose, corners) for pose, corners in pictures if corners is not None],
+        "warnings": warnings,
+    }
 
 
 def _as_order(order: Any) -> int | str | None:
@@ -185,13 +199,13 @@ def _finite(points: NDArray[np.float64], settings: Config) -> NDArray[np.bool_]:
     return finite
 
 
-class _Watch:
+class Watch:
     """Deadline and progress of a call of which the segmentation is the first part."""
 
-    def __init__(self, timeout: float | None, progress: Progress | None) -> None:
-        if timeout is not None and not timeout > 0.0:
-            raise InvalidInputError(f"timeout = {timeout}: expected a positive number of seconds, or None")
-        self._timeout, self._listener = timeout, progress
+    def __init__(self, timeout: float | None = None, progress: Progress | None = None) -> None:
+        if progress is not None and not callable(progress):
+            raise InvalidInputError(f"progress = {progress!r}: expected a function, or None")
+        self._timeout, self._listener = _seconds(timeout), progress
         self._started = time.perf_counter()
 
     def heed(self, share: float) -> None:
@@ -222,8 +236,23 @@ class _Watch:
         return lambda stage, share: listener(stage, _SEGMENTATION + (1.0 - _SEGMENTATION) * share)
 
 
+def _seconds(timeout: Any) -> float | None:
+    """A deadline as a positive number."""
+    if timeout is None:
+        return None
+    try:
+        seconds = float("nan" if isinstance(timeout, (str, bytes)) else timeout)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError):
+        seconds = math.nan
+    if not seconds > 0.0:
+        raise InvalidInputError(f"timeout = {timeout!r}: expected a positive number of seconds, or None")
+    return seconds
+
+
 def _segmented(
-    points: NDArray[np.float64], views: Sequence[View], seed: int, watch: _Watch
+    points: NDArray[np.float64], views: Sequence[View], seed: int, watch: Watch
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """The mask of the foreground, and what the segmentation warns of."""
     from sympose.segmentation import segment_heeding

@@ -11,9 +11,13 @@ mod run;
 
 use std::ffi::OsString;
 use std::io::{Write, stderr, stdout};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
+use crate::cloud::PointCloud;
+use crate::config::Config;
 use crate::control::CancelToken;
+use crate::io::Scan;
 
 /// Runs the command line on `args` (the name of the program first), without a progress bar, and returns the exit code.
 ///
@@ -35,17 +39,52 @@ pub fn run(
     stderr: &mut dyn Write,
     cancel: &CancelToken,
 ) -> u8 {
-    run::run(args, stdout, stderr, cancel, false)
+    run::run(args, None, stdout, stderr, cancel, false)
 }
 
 /// Runs the command line like [`run`], on the standard streams of the process, with a progress bar where standard error
-/// is a terminal.
-pub fn run_in_terminal(args: impl IntoIterator<Item = OsString>, cancel: &CancelToken) -> u8 {
-    run::run(args, &mut stdout(), &mut stderr(), cancel, true)
+/// is a terminal; `given` stands for the file with the scan.
+pub fn run_in_terminal(
+    args: impl IntoIterator<Item = OsString>,
+    given: Option<Given>,
+    cancel: &CancelToken,
+) -> u8 {
+    run::run(args, given, &mut stdout(), &mut stderr(), cancel, true)
+}
+
+/// The file with the scan that the arguments name, and the settings for `estimate`; `None` where they name none, or not
+/// rightly, which is for [`run`] to say.
+#[must_use]
+pub fn named_scan(args: impl IntoIterator<Item = OsString>) -> Option<(PathBuf, Option<Config>)> {
+    let cli: args::Cli = clap::Parser::try_parse_from(args).ok()?;
+    Some(match cli.command {
+        args::Command::Estimate(args) => {
+            let config = args.config().ok()?;
+            (args.scan, Some(config))
+        }
+        args::Command::Filter(args) => (args.scan, None),
+        args::Command::Plane(args) => (args.scan, None),
+        args::Command::Info(args) => (args.scan, None),
+    })
+}
+
+/// What a caller has read from a file of a kind that [`crate::io`] does not know.
+pub enum Given {
+    /// For `filter`, `plane` and `info`.
+    Scan(Scan),
+    /// For `estimate`.
+    Cloud {
+        /// Where the part is sought.
+        cloud: PointCloud,
+        /// For each of its points the row of the file, where that differs.
+        rows: Option<Vec<u32>>,
+        /// Put before those of the estimate.
+        warnings: Vec<String>,
+    },
 }
 
 /// Runs the command line on the arguments of this process.
 #[must_use]
 pub fn main() -> ExitCode {
-    ExitCode::from(run_in_terminal(std::env::args_os(), &CancelToken::default()))
+    ExitCode::from(run_in_terminal(std::env::args_os(), None, &CancelToken::default()))
 }

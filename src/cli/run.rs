@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::args::{Cli, Command, EstimateArgs, FilterArgs, InfoArgs, PlaneArgs};
 use super::output::{self, Info, PlaneReport};
-use super::progress;
+use super::{Given, progress};
 use crate::control::{CancelToken, Control};
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, Estimator, Request};
@@ -28,6 +28,7 @@ const CANCELLED: u8 = 130;
 
 pub(super) fn run(
     args: impl IntoIterator<Item = OsString>,
+    given: Option<Given>,
     stdout: &mut dyn Write,
     stderr: &mut dyn Write,
     cancel: &CancelToken,
@@ -37,10 +38,10 @@ pub(super) fn run(
     let mut streams = Streams { stdout, stderr };
     let outcome = match Cli::try_parse_from(args) {
         Ok(cli) => match cli.command {
-            Command::Estimate(args) => estimate(&args, &mut streams, control, progress && !args.quiet),
-            Command::Filter(args) => filter(&args, &mut streams, &control),
-            Command::Plane(args) => plane(&args, &mut streams, &control),
-            Command::Info(args) => info(&args, &mut streams, &control),
+            Command::Estimate(args) => estimate(&args, given, &mut streams, control, progress && !args.quiet),
+            Command::Filter(args) => filter(&args, given, &mut streams, &control),
+            Command::Plane(args) => plane(&args, given, &mut streams, &control),
+            Command::Info(args) => info(&args, given, &mut streams, &control),
         },
         Err(error) if error.use_stderr() => {
             streams.remark(&error.render().to_string());
@@ -99,14 +100,20 @@ impl Streams<'_> {
     }
 }
 
-fn estimate(args: &EstimateArgs, streams: &mut Streams, control: Control, progress: bool) -> Result<u8> {
+fn estimate(
+    args: &EstimateArgs,
+    given: Option<Given>,
+    streams: &mut Streams,
+    control: Control,
+    progress: bool,
+) -> Result<u8> {
     let estimator = Estimator::new(args.config()?)?;
     // Before the work, not after it.
     if let Some(path) = &args.completed {
         Format::of(path)?;
     }
     args.completed.iter().chain(&args.json).try_for_each(|path| has_folder(path))?;
-    match find_pose(args, &estimator, control, progress) {
+    match find_pose(args, given, &estimator, control, progress) {
         Ok(estimate) => report(args, &estimate, streams),
         Err(error) => {
             if let Some(path) = args.json.as_deref().filter(|_| exit_code(&error) == NO_POSE) {
@@ -129,13 +136,18 @@ fn has_folder(path: &Path) -> Result<()> {
 
 fn find_pose(
     args: &EstimateArgs,
+    given: Option<Given>,
     estimator: &Estimator,
     mut control: Control,
     progress: bool,
 ) -> Result<Estimate> {
-    let mut scan = read(&args.scan, &control)?;
-    scan.viewpoint = args.viewpoint().or(scan.viewpoint);
-    let cloud = scan.into_cloud()?;
+    let (mut cloud, rows, warnings) = match given {
+        Some(Given::Cloud { cloud, rows, warnings }) => (cloud, rows, warnings),
+        given => (read(&args.scan, given, &control)?.into_cloud()?, None, Vec::new()),
+    };
+    if let Some(viewpoint) = args.viewpoint() {
+        cloud = cloud.with_viewpoints([viewpoint])?;
+    }
     let bar = progress::bar(progress);
     let shown = bar.clone();
     control = control.with_progress(move |stage, fraction| progress::show(&shown, stage, fraction));
@@ -144,7 +156,7 @@ fn find_pose(
     }
     let estimate = estimator.estimate_with(&cloud, &Request { control, ..Request::default() });
     bar.finish_and_clear();
-    estimate
+    estimate.map(|estimate| estimate.of_scan(rows.as_deref(), warnings))
 }
 
 fn report(args: &EstimateArgs, estimate: &Estimate, streams: &mut Streams) -> Result<u8> {
@@ -172,18 +184,21 @@ fn report(args: &EstimateArgs, estimate: &Estimate, streams: &mut Streams) -> Re
     Ok(NO_POSE)
 }
 
-/// Reads a scan, before and after a look at the cancel token.
-fn read(path: &Path, control: &Control) -> Result<Scan> {
+/// Reads a scan that is not given, before and after a look at the cancel token.
+fn read(path: &Path, given: Option<Given>, control: &Control) -> Result<Scan> {
+    if let Some(Given::Scan(scan)) = given {
+        return Ok(scan);
+    }
     control.check()?;
     let scan = io::read(path)?;
     control.check()?;
     Ok(scan)
 }
 
-fn filter(args: &FilterArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
+fn filter(args: &FilterArgs, given: Option<Given>, streams: &mut Streams, control: &Control) -> Result<u8> {
     Format::of(&args.out)?;
     has_folder(&args.out)?;
-    let scan = read(&args.scan, control)?;
+    let scan = read(&args.scan, given, control)?;
     let mut steps = vec![("read", scan.points.len())];
     let mut scan = finite(&scan);
     steps.push(("finite", scan.points.len()));
@@ -217,12 +232,12 @@ fn filter(args: &FilterArgs, streams: &mut Streams, control: &Control) -> Result
     Ok(DONE)
 }
 
-fn plane(args: &PlaneArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
+fn plane(args: &PlaneArgs, given: Option<Given>, streams: &mut Streams, control: &Control) -> Result<u8> {
     if let Some(path) = &args.remove {
         Format::of(path)?;
         has_folder(path)?;
     }
-    let scan = finite(&read(&args.scan, control)?);
+    let scan = finite(&read(&args.scan, given, control)?);
     let distance = match args.distance {
         Some(distance) => distance,
         None => match median_spacing(&KdTree::new(&scan.points)?, &scan.points) {
@@ -254,8 +269,8 @@ fn plane(args: &PlaneArgs, streams: &mut Streams, control: &Control) -> Result<u
     Ok(DONE)
 }
 
-fn info(args: &InfoArgs, streams: &mut Streams, control: &Control) -> Result<u8> {
-    let scan = read(&args.scan, control)?;
+fn info(args: &InfoArgs, given: Option<Given>, streams: &mut Streams, control: &Control) -> Result<u8> {
+    let scan = read(&args.scan, given, control)?;
     let points = finite(&scan).points;
     let corner = |pick: fn(f64, f64) -> f64| {
         points.iter().copied().reduce(|a, b| std::array::from_fn(|axis| pick(a[axis], b[axis])))

@@ -57,7 +57,7 @@ pub(super) fn estimate(
     let prefer = prefer.map(|value| arrays::isometry(value, "prefer")).transpose()?;
     let reference = reference.map(|taught| taught.get().share());
     let mut config = config::parse(py, config)?;
-    let mut estimate = interruptible(py, progress.as_ref(), move |cancel, reports| {
+    let estimate = interruptible(py, progress.as_ref(), move |cancel, reports| {
         let control = control.with_cancel(cancel).with_progress(move |stage, fraction| {
             // Nobody listens any more once the call is over.
             let _ = reports.send((stage, fraction));
@@ -68,15 +68,11 @@ pub(super) fn estimate(
         pool.install(|| {
             let (cloud, rows) = input.into_cloud()?;
             let request = Request { control, initial, prefer, reference };
-            let mut estimate = Estimator::new(config)?.estimate_with(&cloud, &request)?;
-            if let Some(rows) = rows {
-                estimate.inliers.iter_mut().for_each(|inlier| *inlier = rows[*inlier as usize]);
-            }
-            Ok(estimate)
+            let estimate = Estimator::new(config)?.estimate_with(&cloud, &request)?;
+            Ok(estimate.of_scan(rows.as_deref(), warnings))
         })
     })?
     .map_err(|error| errors::exception(py, error))?;
-    estimate.warnings.splice(0..0, warnings);
     PyEstimate::new(py, estimate)
 }
 

@@ -29,7 +29,7 @@ mod _core {
     #[pymodule_export]
     use super::call::estimate;
     #[pymodule_export]
-    use super::cli::cli_main;
+    use super::cli::{cli_main, cli_scan};
     #[pymodule_export]
     use super::config::{check_config, config_to_toml, default_config, paper_config};
     #[pymodule_export]

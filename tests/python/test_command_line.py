@@ -38,6 +38,61 @@ def test_estimate_prints_the_schema(scan: Path, part: Part, capfd: pytest.Captur
     assert found.pose.tobytes() == here.pose.tobytes()
 
 
+def test_estimate_takes_what_only_python_reads(
+    part: Part, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    places = np.tile(part.viewpoint, (len(part.points), 1))
+    places[::2] += 1e-3
+    np.savez(tmp_path / "places.npz", points=part.points, viewpoints=places)
+    np.save(tmp_path / "points.npy", part.points)
+    for name in ("places.npz", "points.npy"):
+        path = str(tmp_path / name)
+        main(["estimate", path, "--order", str(ORDER), "--json", "-", "--full"])
+        found = sympose.Estimate.from_json(capfd.readouterr().out)
+        here = sympose.estimate(path, order=ORDER)
+        assert found.pose.tobytes() == here.pose.tobytes()
+        assert found.inliers.tobytes() == here.inliers.tobytes()
+
+
+def test_estimate_segments_a_scene_with_views(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for library in ("trimesh", "manifold3d", "embreex", "sklearn"):
+        pytest.importorskip(library)
+    scene = sympose.datasets.scan(sympose.datasets.part("wheel_hub_5"), "table", views=1, seed=2)
+    (view,) = scene.scene.views
+    depth = np.zeros((view.camera.height, view.camera.width))
+    pixels, depths, _ = view.project(scene.scene.points)
+    column, row = np.floor(pixels[:, :2] + 0.5).astype(int).T
+    depth[row, column] = depths
+    path = str(tmp_path / "view.npz")
+    np.savez(path, depth=depth, K=view.camera.matrix, world_from_camera=view.world_from_camera)
+    code = main(["estimate", path, "--order", "5", "--json", "-", "--full"])
+    found = sympose.Estimate.from_json(capfd.readouterr().out)
+    here = sympose.estimate(path, order=5)
+    assert code == 0
+    assert (found.pose.tobytes(), found.warnings) == (here.pose.tobytes(), here.warnings)
+    assert found.inliers.tobytes() == here.inliers.tobytes()
+    assert found.inliers.max() > found.inliers.size
+
+
+def test_other_commands_take_what_only_python_reads(
+    part: Part, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, thinned = str(tmp_path / "scan.npz"), str(tmp_path / "thinned.ply")
+    places = np.random.default_rng(1).normal(size=part.points.shape)
+    colors = np.full(part.points.shape, 7, dtype=np.uint8)
+    np.savez(path, points=part.points, colors=colors, viewpoints=places)
+    assert main(["info", path, "--json"]) == 0
+    said = capfd.readouterr()
+    assert json.loads(said.out)["points"] == len(part.points)
+    assert (json.loads(said.out)["colors"], json.loads(said.out)["normals"]) == (True, False)
+    assert "viewpoints of its points count for estimate only" in said.err
+    assert main(["filter", path, thinned, "--voxel-size", "0.1"]) == 0
+    assert set(sympose.read(thinned).colors.ravel().tolist()) == {7}
+    assert main(["plane", path, "--distance", "0.01", "--json"]) == 0
+    assert main(["estimate", str(tmp_path)]) == 2
+    assert "not a COLMAP model" in capfd.readouterr().err
+
+
 def test_info_and_plane_share_the_code_of_rust(scan: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(scan), "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["points"] == 3000

@@ -232,6 +232,9 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"seed": 2**64}, "seed: .*expected a whole number from 0 to 9,223"),
         ({"timeout": 0.0}, "timeout"),
         ({"timeout": float("nan")}, "timeout"),
+        ({"timeout": "2"}, "timeout = '2': expected a positive number of seconds"),
+        ({"timeout": [1.0, 2.0]}, "timeout"),
+        ({"progress": 1}, "progress = 1: expected a function"),
     ],
 )
 def test_a_wrong_argument_is_named(part: Part, options: dict[str, Any], message: str) -> None:

@@ -38,6 +38,7 @@ _WRITERS: dict[str, Callable[[Path, Scene, bool], None]] = {
 }
 _BINARY_SUFFIXES = {".ply": "PLY", ".pcd": "PCD", ".npy": "NPY", ".npz": "NPZ"}
 _TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".tsv", "")
+_NPY_START, _NPZ_START = b"\x93NUMPY", b"PK\x03\x04"
 _IMAGE_STARTS = (b"\x89PNG", b"II*\0", b"MM\0*", b"\xff\xd8\xff")
 
 
@@ -153,6 +154,15 @@ def holds_viewpoints(path: str | os.PathLike[str], viewpoints: NDArray[np.float6
     return suffix == ".npz" or (suffix == ".pcd" and bool((viewpoints == viewpoints[0]).all()))
 
 
+def is_only_read_here(path: str | os.PathLike[str]) -> bool:
+    """Whether the Rust binary does not know files of this kind: those of NumPy, and COLMAP folders."""
+    file = Path(path)
+    if not file.is_file():
+        return file.is_dir()
+    with file.open("rb") as stream:
+        return stream.read(6).startswith((_NPY_START, _NPZ_START))
+
+
 def _kind(file: Path) -> str:
     with file.open("rb") as stream:
         start = stream.read(4096)
@@ -160,9 +170,9 @@ def _kind(file: Path) -> str:
         raise InvalidInputError(f"{file}: the file is empty")
     if start.startswith((b"ply\n", b"ply\r")):
         return "PLY"
-    if start.startswith(b"\x93NUMPY"):
+    if start.startswith(_NPY_START):
         return "NPY"
-    if start.startswith(b"PK\x03\x04"):
+    if start.startswith(_NPZ_START):
         return "NPZ"
     suffix = file.suffix.lower()
     lines = [line.split(b" ")[0] for line in start.splitlines()]
