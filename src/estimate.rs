@@ -14,7 +14,7 @@ use crate::error::{Error, Evidence, Result};
 use crate::frames::{check_pose, height_over, place, plane_in_world};
 use crate::locate::Aligned;
 use crate::prepare::Prepared;
-use crate::reference::{ORIENTED, Reference, Scan};
+use crate::reference::{ORIENTED, PartScan, Reference};
 use crate::remarks::misplaced_views;
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
@@ -150,7 +150,7 @@ impl Estimator {
 
         if let Some(reference) = &request.reference {
             stages.begin("register")?;
-            let scan = Scan {
+            let scan = PartScan {
                 samples: &refined,
                 outward: prepared.outward,
                 surface,
@@ -360,7 +360,7 @@ struct Posed {
 /// The pose in the frame of the reference; refused when the scan shows another part.
 fn register(
     reference: &Reference,
-    scan: &Scan,
+    scan: &PartScan,
     prepared: &Prepared,
     detection: &Detection,
     stages: &mut Stages,

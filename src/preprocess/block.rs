@@ -1,7 +1,7 @@
 //! The points of 27 cells side by side, and how far they are from a query.
 
 use super::cells::CellList;
-use super::selection::Found;
+use super::selection::Near;
 
 /// More than what single precision gets wrong in the square of a distance within a block [edge of a cell, squared].
 pub(super) const SLACK: f32 = 1e-5;
@@ -62,7 +62,7 @@ impl Block {
 
     /// The point at a place of the block, as a neighbour of a query.
     #[inline]
-    pub(super) fn found(&self, place: u32, query: &[f64; 3]) -> Found {
-        Found::new(self.indices[place as usize], &self.points[place as usize], query)
+    pub(super) fn found(&self, place: u32, query: &[f64; 3]) -> Near {
+        Near::new(self.indices[place as usize], &self.points[place as usize], query)
     }
 }

@@ -103,7 +103,7 @@ pub fn find_ground(
     let chosen = even_sample(points.len(), LOOKED_AT, seed);
     let sample: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i]).collect();
     let sensors: Vec<Option<[f64; 3]>> = chosen.iter().map(|&i| viewpoint_of(i)).collect();
-    let scene = Scene { points: &sample, sensors: &sensors };
+    let scene = SeenPoints { points: &sample, sensors: &sensors };
     let mut remaining = sample.clone();
     for round in 0..params.max_planes {
         let Some((plane, band)) = dominant_plane(&remaining, params, seed.wrapping_add(round as u64)) else {
@@ -133,7 +133,7 @@ pub fn find_ground(
 }
 
 /// Points and the positions that they were seen from.
-struct Scene<'a> {
+struct SeenPoints<'a> {
     points: &'a [[f64; 3]],
     sensors: &'a [Option<[f64; 3]>],
 }
@@ -160,7 +160,7 @@ impl PlaneAxes {
     }
 }
 
-impl Scene<'_> {
+impl SeenPoints<'_> {
     /// Judges a plane; `None` when it is no support.
     fn support(
         &self,

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::CHUNK;
 use super::search::Search;
-use super::selection::Found;
+use super::selection::Near;
 use crate::error::Result;
 use crate::median::median;
 use crate::spatial::KdTree;
@@ -94,7 +94,7 @@ pub(crate) fn map_neighbors<T: Copy + Send + Sync>(
     tree: &KdTree,
     points: &[[f64; 3]],
     k: usize,
-    f: impl Fn(usize, &[Found]) -> T + Sync,
+    f: impl Fn(usize, &[Near]) -> T + Sync,
 ) -> Result<Vec<T>> {
     let search = Search::among(tree, points, k, false)?;
     let by_slot: Vec<Vec<T>> = (0..search.chunks())

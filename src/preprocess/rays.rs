@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::neighbors::map_neighbors;
 use super::search::nearest;
-use super::selection::Found;
+use super::selection::Near;
 use super::{at_least_one, check_finite};
 use crate::directions::tangents;
 use crate::error::Result;
@@ -178,12 +178,12 @@ impl View {
         /// Rays that are looked at.
         const LOOKED_AT: usize = 2000;
         let step = self.rays.len().div_ceil(LOOKED_AT).max(1);
-        let around: Vec<(usize, Vec<Found>)> = (0..self.rays.len())
+        let around: Vec<(usize, Vec<Near>)> = (0..self.rays.len())
             .into_par_iter()
             .step_by(step)
             .map(|i| (i, nearest(&self.tree, &self.rays, &self.rays[i], k)))
             .collect();
-        let residual = |&(i, ref found): &(usize, Vec<Found>), noise: f64| {
+        let residual = |&(i, ref found): &(usize, Vec<Near>), noise: f64| {
             let mut beside = self.beside(i, found);
             let (inverse, slope) = plane(&mut beside, self.inverse[i], noise)?;
             let mut off: Vec<f64> =
@@ -200,11 +200,11 @@ impl View {
     }
 
     /// Rays beside the ray `i`.
-    fn beside(&self, i: usize, found: &[Found]) -> Vec<Beside> {
+    fn beside(&self, i: usize, found: &[Near]) -> Vec<Beside> {
         let ahead = Vector3::from(self.rays[i]);
         let [right, down] = tangents(&ahead);
         let farthest_sq = found.iter().fold(f64::MIN_POSITIVE, |farthest, n| farthest.max(n.distance_sq()));
-        let beside = |neighbor: &Found| {
+        let beside = |neighbor: &Near| {
             let ray = Vector3::from(self.rays[neighbor.index as usize]);
             let cosine = ray.dot(&ahead);
             Beside {
@@ -223,7 +223,7 @@ impl View {
 
     /// Distance of the plane of the rays `found` along the ray `i` among them \[length\]; `None` where its own point is not
     /// of that plane.
-    fn smoothed(&self, i: usize, found: &[Found], noise: f64) -> Option<f64> {
+    fn smoothed(&self, i: usize, found: &[Near], noise: f64) -> Option<f64> {
         let own = self.inverse[i];
         let (inverse, _) = plane(&mut self.beside(i, found), own, noise)?;
         // Never to more than twice the distance, however large the noise seems to be.

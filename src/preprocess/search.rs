@@ -5,7 +5,7 @@
 //! answers for the rest, so that the result is exact everywhere.
 
 use super::cells::CellList;
-use super::selection::{Found, Selection};
+use super::selection::{Near, Selection};
 use super::{CHUNK, at_least_one, check_finite};
 use crate::error::{Error, Result};
 use crate::spatial::KdTree;
@@ -100,7 +100,7 @@ impl<'a> Search<'a> {
     }
 
     /// Calls `f` with every query of a chunk of slots and its neighbours.
-    pub(super) fn visit(&self, chunk: usize, mut f: impl FnMut(usize, &[Found])) {
+    pub(super) fn visit(&self, chunk: usize, mut f: impl FnMut(usize, &[Near])) {
         let slots = chunk * CHUNK..self.order.len().min((chunk + 1) * CHUNK);
         let queries = self.order[slots].iter().map(|&query| query as usize);
         let in_tree = |query: usize| nearest(self.tree, self.points, &self.queries[query], self.k);
@@ -135,9 +135,9 @@ impl<'a> Search<'a> {
 }
 
 /// The `k` nearest of the `points` that the tree was built on.
-pub(super) fn nearest(tree: &KdTree, points: &[[f64; 3]], query: &[f64; 3], k: usize) -> Vec<Found> {
+pub(super) fn nearest(tree: &KdTree, points: &[[f64; 3]], query: &[f64; 3], k: usize) -> Vec<Near> {
     let found = tree.k_nearest(query, k).into_iter();
-    found.map(|n| Found::new(n.index, &points[n.index as usize], query)).collect()
+    found.map(|n| Near::new(n.index, &points[n.index as usize], query)).collect()
 }
 
 /// Distance within which most queries have their `k` nearest points; 0 for no queries.

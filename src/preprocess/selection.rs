@@ -5,14 +5,14 @@ use super::block::{Block, SLACK};
 
 /// A neighbour of a query.
 #[derive(Clone, Copy)]
-pub(super) struct Found {
+pub(super) struct Near {
     /// Index into the points.
     pub(super) index: u32,
     /// Where it lies from the query \[length\].
     pub(super) offset: [f64; 3],
 }
 
-impl Found {
+impl Near {
     pub(super) fn new(index: u32, point: &[f64; 3], query: &[f64; 3]) -> Self {
         Self { index, offset: std::array::from_fn(|axis| point[axis] - query[axis]) }
     }
@@ -29,7 +29,7 @@ impl Found {
 pub(super) struct Selection {
     pub(super) block: Block,
     /// Neighbours of the last query.
-    pub(super) found: Vec<Found>,
+    pub(super) found: Vec<Near>,
     /// Squared distances from the query, right to within [`SLACK`] [edges, squared].
     rough_sq: Vec<f32>,
     /// Places in the block of those that come into question.
@@ -132,6 +132,6 @@ impl Selection {
         }
         self.found.clear();
         self.found.extend(self.exact_keys[..k].iter().map(|&(.., place)| block.found(place, query)));
-        self.found.iter().map(Found::distance_sq).fold(0.0, f64::max)
+        self.found.iter().map(Near::distance_sq).fold(0.0, f64::max)
     }
 }

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::neighbors::map_neighbors;
-use super::selection::Found;
+use super::selection::Near;
 use super::{CHUNK, KNeighbors, at_least_one, check_finite};
 use crate::error::{Error, Result};
 use crate::spatial::KdTree;
@@ -43,7 +43,7 @@ pub fn remove_statistical_outliers(points: &[[f64; 3]], params: &StatisticalPara
         return Ok(Vec::new());
     }
     let k = params.k.min(points.len());
-    let mean = |_, found: &[Found]| found.iter().map(|n| n.distance_sq().sqrt()).sum::<f64>() / k as f64;
+    let mean = |_, found: &[Near]| found.iter().map(|n| n.distance_sq().sqrt()).sum::<f64>() / k as f64;
     Ok(usual(&map_neighbors(&KdTree::new(points)?, points, k, mean)?, params.std_ratio))
 }
 

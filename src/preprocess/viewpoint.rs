@@ -55,7 +55,7 @@ pub fn single_viewpoint(points: &[[f64; 3]], diameter: f64) -> Result<Option<[f6
     const ROUNDS: [usize; 2] = [4, 4];
     let mut found: Option<Sighted> = None;
     for level in 0..VOXELS.len() {
-        let surface = Surface::new(points, diameter, diameter / VOXELS[level])?;
+        let surface = CoarseSurface::new(points, diameter, diameter / VOXELS[level])?;
         if surface.apart > COARSEST * diameter {
             return Ok(None);
         }
@@ -83,7 +83,7 @@ struct Sighted {
 }
 
 /// Points, one to a voxel, with their normals; without those that are farther from their middle than the part is large.
-struct Surface {
+struct CoarseSurface {
     points: Vec<[f64; 3]>,
     normals: Vec<[f64; 3]>,
     centroid: Vector3<f64>,
@@ -95,7 +95,7 @@ struct Surface {
     apart: f64,
 }
 
-impl Surface {
+impl CoarseSurface {
     fn new(points: &[[f64; 3]], diameter: f64, voxel_size: f64) -> Result<Self> {
         /// Edge of a cell [voxels].
         const CELL: f64 = 1.5;

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQua
 use rayon::prelude::*;
 
 use super::register::Freedom;
-use super::sides::Sides;
+use super::sides::SidedSurface;
 use crate::config::Residual;
 use crate::control::Control;
 use crate::error::Result;
@@ -48,7 +48,7 @@ struct Match {
 
 /// The distance of a scan point from the plane of the surface point that it meets.
 pub(super) fn residual(
-    surface: &Sides,
+    surface: &SidedSurface,
     object_from_scan: &Isometry3<f64>,
     (point, normal): (&Vector3<f64>, &Vector3<f64>),
     gate: f64,
@@ -64,7 +64,7 @@ pub(super) fn residual(
 impl Fit {
     /// Gauss-Newton from `start`, its gate narrowing through `gates` \[length\]. With `free_yaw` the turn about z is kept.
     pub(super) fn new(
-        surface: &Sides,
+        surface: &SidedSurface,
         samples: &Samples,
         start: Isometry3<f64>,
         gates: &[f64],
@@ -100,7 +100,7 @@ impl Fit {
     }
 
     /// Matches the scan anew; sums the normal equations and returns J'Wr.
-    fn linearize(&mut self, surface: &Sides, samples: &Samples, gate: f64) -> Vector6<f64> {
+    fn linearize(&mut self, surface: &SidedSurface, samples: &Samples, gate: f64) -> Vector6<f64> {
         const PATCHES: usize = 256;
         let pose = self.object_from_scan;
         let matches: Vec<Option<Match>> = samples
@@ -136,7 +136,7 @@ impl Fit {
     /// Finds what errors in the places of the views do to J'Wr; they turn about the `centroid` of the scan.
     pub(super) fn consider_views(
         &mut self,
-        surface: &Sides,
+        surface: &SidedSurface,
         samples: &Samples,
         gate: f64,
         errors: &ViewErrors,

@@ -23,8 +23,8 @@ use crate::spatial::KdTree;
 use crate::symmetry::order::Order;
 use crate::symmetry::surface::Samples;
 
-pub(crate) use register::Scan;
-use sides::Sides;
+pub(crate) use register::PartScan;
+use sides::SidedSurface;
 
 /// The version of the schema that is written, and the only one that is read.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -44,9 +44,9 @@ pub(crate) const ORIENTED: &str = "oriented_normals";
 #[derive(Debug)]
 pub struct Reference {
     sector: Sector,
-    surface: Sides,
+    surface: SidedSurface,
     /// The same for scans of which nobody knows which way their normals point; made when the first one comes.
-    without_sides: OnceLock<Sides>,
+    without_sides: OnceLock<SidedSurface>,
     diameter: f64,
 }
 
@@ -140,12 +140,13 @@ impl Reference {
         let samples = sector.unfolded();
         let [rim, low, high] = reach(&samples.points);
         let diameter = (2.0 * rim).hypot(high - low);
-        let surface = Sides::new(samples, sector.oriented, sector.cell, register::WIDEST_GATE * diameter);
+        let surface =
+            SidedSurface::new(samples, sector.oriented, sector.cell, register::WIDEST_GATE * diameter);
         Ok(Self { sector, surface, without_sides: OnceLock::new(), diameter })
     }
 
     /// The surface in which points are looked up by normals that point outward or, where that is not known, either way.
-    fn sides(&self, outward: bool) -> &Sides {
+    fn sides(&self, outward: bool) -> &SidedSurface {
         if outward || !self.sector.oriented {
             return &self.surface;
         }
@@ -155,7 +156,8 @@ impl Reference {
         // Not made while the lock is held: it is work for the thread pool, and what this thread takes on while it waits may
         // be another scan that asks for it.
         let samples = self.surface.samples.clone();
-        let sides = Sides::new(samples, false, self.sector.cell, register::WIDEST_GATE * self.diameter);
+        let sides =
+            SidedSurface::new(samples, false, self.sector.cell, register::WIDEST_GATE * self.diameter);
         self.without_sides.get_or_init(|| sides)
     }
 }

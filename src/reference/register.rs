@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::fit::{Fit, MIN_COSINE, residual};
-use super::sides::Sides;
+use super::sides::SidedSurface;
 use super::{Reference, reach};
 use crate::control::Control;
 use crate::error::Result;
@@ -62,7 +62,7 @@ const AMBIGUOUS: f64 = 0.01;
 const LARGEST_RATIO: f64 = 1.15;
 
 /// A scan with the frame that symmetry gave it.
-pub(crate) struct Scan<'a> {
+pub(crate) struct PartScan<'a> {
     /// Points and normals.
     pub samples: &'a Samples,
     /// Whether these normals point outward, since viewpoints are known.
@@ -120,7 +120,7 @@ impl Reference {
     ///
     /// # Errors
     /// When the work is cancelled.
-    pub(crate) fn register(&self, scan: &Scan, control: &Control) -> Result<Registered> {
+    pub(crate) fn register(&self, scan: &PartScan, control: &Control) -> Result<Registered> {
         // A search over a part of another size would take as much longer as that is larger.
         if let Some(reason) = self.difference(scan) {
             return Ok(Registered::misfit(scan, reason));
@@ -168,7 +168,7 @@ impl Reference {
     }
 
     /// Lays a scan on the surface from a place of the search, and judges it there.
-    fn closer(&self, scan: &Scan, judged: &Samples, place: Place, control: &Control) -> Result<Place> {
+    fn closer(&self, scan: &PartScan, judged: &Samples, place: Place, control: &Control) -> Result<Place> {
         let sides = self.sides(scan.outward);
         let (widest, last) = (WIDEST_GATE * self.diameter, GATE * self.cell());
         let gates = [widest, (0.5 * widest).max(last), last];
@@ -194,7 +194,7 @@ impl Reference {
     }
 
     /// The best places of a scan, turned over or not, on a grid of heights and turns within a sector.
-    fn places(&self, scan: &Scan, flipped: bool) -> Vec<Place> {
+    fn places(&self, scan: &PartScan, flipped: bool) -> Vec<Place> {
         let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), if flipped { PI } else { 0.0 });
         let object_from_scan = over * scan.scan_from_object.inverse();
         let (sides, coarse) = (self.sides(scan.outward), &scan.samples.strided(TRIED));
@@ -237,7 +237,7 @@ impl Reference {
 
     /// Share of the reference that the scan confirms, of all that it could see: where it shows empty space, there must not
     /// be a surface.
-    fn agreement(&self, scan: &Scan, object_from_scan: &Isometry3<f64>) -> f64 {
+    fn agreement(&self, scan: &PartScan, object_from_scan: &Isometry3<f64>) -> f64 {
         if scan.visibility.is_none() {
             return 1.0;
         }
@@ -266,7 +266,7 @@ impl Reference {
     }
 
     /// Of the poses that look like this one the nearest to the preferred one, or to the convention of the estimate.
-    fn nearest(&self, pose: Isometry3<f64>, scan: &Scan) -> Isometry3<f64> {
+    fn nearest(&self, pose: Isometry3<f64>, scan: &PartScan) -> Isometry3<f64> {
         let wanted = wanted(scan);
         // Turning about the axis: of all angles the best is where the x axes come closest.
         let [x, y] = [wanted.rotation * Vector3::x(), wanted.rotation * Vector3::y()];
@@ -285,12 +285,12 @@ impl Reference {
 
     /// Share of the scan that must lie on the reference: less where the scan confirms all of the reference that it could
     /// see, since a reference that was taught from one side lacks the other.
-    fn least_overlap(&self, scan: &Scan, agreement: f64) -> f64 {
+    fn least_overlap(&self, scan: &PartScan, agreement: f64) -> f64 {
         if scan.visibility.is_some() && agreement >= CONFIRMED { MIN_OVERLAP_ONE_SIDED } else { MIN_OVERLAP }
     }
 
     /// Why the scan cannot show the part that was taught, wherever it lies: another order or size.
-    fn difference(&self, scan: &Scan) -> Option<String> {
+    fn difference(&self, scan: &PartScan) -> Option<String> {
         let [scanned, ..] = reach(&moved(&scan.samples.points, &scan.scan_from_object.inverse()));
         let [taught, ..] = reach(&self.surface.samples.points);
         let ratio = scanned / taught;
@@ -303,7 +303,7 @@ impl Reference {
     }
 
     /// Why the scan shows another part where it fits best, if it does.
-    fn misfit(&self, scan: &Scan, overlap: f64, agreement: f64) -> Option<String> {
+    fn misfit(&self, scan: &PartScan, overlap: f64, agreement: f64) -> Option<String> {
         let percent = 100.0 * overlap;
         let least = self.least_overlap(scan, agreement);
         if overlap < least {
@@ -317,7 +317,7 @@ impl Reference {
 
 impl Registered {
     /// That of another part.
-    fn misfit(scan: &Scan, reason: String) -> Self {
+    fn misfit(scan: &PartScan, reason: String) -> Self {
         Self {
             scan_from_object: scan.scan_from_object,
             covariance: [[0.0; 6]; 6],
@@ -354,17 +354,17 @@ fn moved(points: &[Vector3<f64>], motion: &Isometry3<f64>) -> Vec<Vector3<f64>> 
 }
 
 /// The pose that equivalent ones are compared with.
-fn wanted(scan: &Scan) -> Isometry3<f64> {
+fn wanted(scan: &PartScan) -> Isometry3<f64> {
     scan.preferred.unwrap_or(scan.scan_from_object)
 }
 
 /// How far a pose is turned from the one that is wanted \[rad\].
-fn away(pose: &Isometry3<f64>, scan: &Scan) -> f64 {
+fn away(pose: &Isometry3<f64>, scan: &PartScan) -> f64 {
     pose.rotation.angle_to(&wanted(scan).rotation)
 }
 
 /// How close a scan comes to the surface, from 0 (beyond the gate everywhere) to 1.
-fn closeness(surface: &Sides, samples: &Samples, object_from_scan: &Isometry3<f64>, gate: f64) -> f64 {
+fn closeness(surface: &SidedSurface, samples: &Samples, object_from_scan: &Isometry3<f64>, gate: f64) -> f64 {
     let near = |row| {
         let (.., distance) = residual(surface, object_from_scan, row, gate)?;
         Some(1.0 - (distance.abs() / gate).min(1.0))
@@ -374,7 +374,7 @@ fn closeness(surface: &Sides, samples: &Samples, object_from_scan: &Isometry3<f6
 }
 
 /// Share of a scan that lies on the surface.
-fn overlap(surface: &Sides, samples: &Samples, object_from_scan: &Isometry3<f64>, cell: f64) -> f64 {
+fn overlap(surface: &SidedSurface, samples: &Samples, object_from_scan: &Isometry3<f64>, cell: f64) -> f64 {
     let fits = |row: &(_, _)| {
         let found = residual(surface, object_from_scan, *row, GATE * cell);
         found.is_some_and(|(.., distance)| distance.abs() < FITS * cell)

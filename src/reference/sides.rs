@@ -16,7 +16,7 @@ const FACING: f64 = -0.3;
 
 /// A surface that is looked up by point and normal.
 #[derive(Debug)]
-pub(super) struct Sides {
+pub(super) struct SidedSurface {
     /// The whole surface.
     pub samples: Samples,
     /// Edge of a cell \[length\].
@@ -26,7 +26,7 @@ pub(super) struct Sides {
     parts: Vec<Option<Surface>>,
 }
 
-impl Sides {
+impl SidedSurface {
     /// Indexes the points for gates up to `widest_gate` \[length\]; normals without orientation leave one part.
     pub(super) fn new(samples: Samples, oriented: bool, spacing: f64, widest_gate: f64) -> Self {
         let facing = |corner: Option<[f64; 3]>| {

@@ -37,19 +37,19 @@ impl Completion {
 }
 
 /// One measured point in the polar grid: its cell in the folded sector, and its sector.
-struct Folded {
+struct Celled {
     key: (i32, i32, u32),
     sector: u32,
     position: Vector3<f64>,
 }
 
 /// The polar grid of one ring of cells.
-struct Ring {
+struct RingCells {
     sectors: u32,
     cells: u32,
 }
 
-impl Ring {
+impl RingCells {
     fn new(order: Order, ring: i32) -> Self {
         let circumference = TAU * (f64::from(ring) + 0.5);
         match order {
@@ -68,18 +68,18 @@ impl Ring {
 pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Completion {
     let surface_from_axis = axis.frame();
     let axis_from_surface = surface_from_axis.inverse();
-    let mut folded: Vec<Folded> = points
+    let mut folded: Vec<Celled> = points
         .par_iter()
         .with_min_len(CHUNK)
         .map(|point| {
             let p = axis_from_surface.rotation * (point - axis.point);
             let ring = (p.xy().norm_squared().sqrt() / cell) as i32;
-            let grid = Ring::new(order, ring);
+            let grid = RingCells::new(order, ring);
             let turn = (p.y.atan2(p.x) / TAU).rem_euclid(1.0) * f64::from(grid.sectors);
             let sector = (turn as u32).min(grid.sectors - 1);
             let column = (((turn - f64::from(sector)) * f64::from(grid.cells)) as u32).min(grid.cells - 1);
             let back = -TAU * f64::from(sector) / f64::from(grid.sectors);
-            Folded { key: ((p.z / cell).floor() as i32, ring, column), sector, position: turned(&p, back) }
+            Celled { key: ((p.z / cell).floor() as i32, ring, column), sector, position: turned(&p, back) }
         })
         .collect();
     folded.par_sort_by_key(|f| (f.key, f.sector));
@@ -88,7 +88,7 @@ pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -
     let mut measured = 0usize;
     for members in folded.chunk_by(|a, b| a.key == b.key) {
         let ring = members[0].key.1;
-        let grid = Ring::new(order, ring);
+        let grid = RingCells::new(order, ring);
         let mean = mean_position(members);
         let source = members
             .chunk_by(|a, b| a.sector == b.sector)
@@ -113,7 +113,7 @@ pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -
     completion
 }
 
-fn mean_position(members: &[Folded]) -> Vector3<f64> {
+fn mean_position(members: &[Celled]) -> Vector3<f64> {
     members.iter().map(|f| f.position).sum::<Vector3<f64>>() / members.len() as f64
 }
 

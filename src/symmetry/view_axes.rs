@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Vector4};
 use crate::symmetry::alignment::{SelfAlignment, Unknowns};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::sandwich::PATCHES;
-use crate::symmetry::view_errors::{Drawn, Evidence, ViewErrors, draw, uncertain};
+use crate::symmetry::view_errors::{Drawn, ViewErrors, ViewEvidence, draw, uncertain};
 
 /// What the matches within a view say of the axis.
 #[derive(Clone)]
@@ -58,7 +58,7 @@ pub(super) fn covariance_of_view_axes(
     // Tilt as the shift that it is at the radius.
     let turn = surface.radius.recip();
     let scale = Matrix4::from_diagonal(&Vector4::new(turn, turn, 1.0, 1.0));
-    let evidence: Vec<Option<Evidence<4>>> = alone.iter().map(|view| view.evidence(&scale)).collect();
+    let evidence: Vec<Option<ViewEvidence<4>>> = alone.iter().map(|view| view.evidence(&scale)).collect();
     let Some(Drawn { variances, known, .. }) = draw(&evidence, surface.radius) else {
         return Matrix4::zeros();
     };
@@ -78,7 +78,7 @@ pub(super) fn covariance_of_view_axes(
 
 impl Alone {
     /// How far the axis of the view lies from that of all, with what noise allows it to; `None` where it has none of its own.
-    fn evidence(&self, scale: &Matrix4<f64>) -> Option<Evidence<4>> {
+    fn evidence(&self, scale: &Matrix4<f64>) -> Option<ViewEvidence<4>> {
         /// Patches from which four numbers and their noise can be known.
         const ENOUGH: usize = 8;
         if self.of_patches.iter().filter(|(_, gradient)| *gradient != Vector4::zeros()).count() < ENOUGH {
@@ -90,6 +90,6 @@ impl Alone {
         let scatter: Matrix4<f64> = left.map(|gradient| gradient * gradient.transpose()).sum();
         let noise = scatter.cholesky()?.inverse();
         let (hessian, gradient) = (scale * self.hessian * scale, scale * self.gradient);
-        Some(Evidence { information: hessian * noise * hessian, weighted: -hessian * noise * gradient })
+        Some(ViewEvidence { information: hessian * noise * hessian, weighted: -hessian * noise * gradient })
     }
 }

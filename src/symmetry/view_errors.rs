@@ -162,7 +162,7 @@ pub(crate) fn rigid_row(normal: &Vector3<f64>, arm: &Vector3<f64>, radius: f64) 
 }
 
 /// What is known of the error of a view, in a few numbers: the first half of them are of one kind, the others of another.
-pub(super) struct Evidence<const R: usize> {
+pub(super) struct ViewEvidence<const R: usize> {
     pub(super) information: SMatrix<f64, R, R>,
     /// The same times the error.
     pub(super) weighted: SVector<f64, R>,
@@ -247,7 +247,12 @@ impl Looks {
 
     /// What the heights say of the error of each view, but for those that `errors` and `noise` do not explain; `None` where a
     /// view shares too few.
-    fn evidence(&self, surface: &Surface, errors: &[Vector6<f64>], noise: f64) -> Vec<Option<Evidence<6>>> {
+    fn evidence(
+        &self,
+        surface: &Surface,
+        errors: &[Vector6<f64>],
+        noise: f64,
+    ) -> Vec<Option<ViewEvidence<6>>> {
         let of_view = |view: usize| {
             let (mut information, mut weighted) = (Matrix6::zeros(), Vector6::zeros());
             let step = self.views * Self::step(surface.len());
@@ -260,7 +265,7 @@ impl Looks {
                     weighted += row.transpose() * (count * height);
                 }
             }
-            (in_common > SHARED * all).then(|| Evidence {
+            (in_common > SHARED * all).then(|| ViewEvidence {
                 information: information / (noise * noise),
                 weighted: weighted / (noise * noise),
             })
@@ -290,7 +295,7 @@ pub(super) struct Drawn<const R: usize> {
 ///
 /// Errors of all views are drawn from one distribution, whose variances make the evidence most likely (MacKay 1992, Bayesian
 /// interpolation): what a view does not show of its error counts for nothing.
-pub(super) fn draw<const R: usize>(evidence: &[Option<Evidence<R>>], radius: f64) -> Option<Drawn<R>> {
+pub(super) fn draw<const R: usize>(evidence: &[Option<ViewEvidence<R>>], radius: f64) -> Option<Drawn<R>> {
     /// Errors from which the search begins [radii].
     const START: f64 = 0.01;
     /// Errors that count as none [radii].
@@ -313,7 +318,7 @@ pub(super) fn draw<const R: usize>(evidence: &[Option<Evidence<R>>], radius: f64
         // How many numbers the evidence determines, and the sum of their squares.
         let (mut determined, mut squares) = ([0.0; 2], [0.0; 2]);
         for (error, of_view) in errors.iter_mut().zip(evidence) {
-            let Some(Evidence { information, weighted }) = of_view else { continue };
+            let Some(ViewEvidence { information, weighted }) = of_view else { continue };
             let posterior = (information + prior).cholesky()?.inverse();
             *error = posterior * weighted;
             for i in 0..R {
