@@ -108,6 +108,34 @@ impl DepthMap {
         })
     }
 
+    /// Directions that none of the `pictures` from here shows: nothing is known about any place there, where the frame cuts
+    /// the part or the map reaches beyond it.
+    pub(crate) fn hide_beyond(&mut self, pictures: &[&Picture]) {
+        if pictures.is_empty() {
+            return;
+        }
+        let world_from_camera = self.camera_from_world.transpose();
+        let is_shown = |column: usize, row: usize| {
+            let slope = |axis: usize, cells: usize| (self.first[axis] + cells as f64) / self.cells_per_slope;
+            let ray = world_from_camera * Vector3::new(slope(0, column), slope(1, row), 1.0);
+            pictures.iter().any(|picture| picture.shows(&(picture.center() + ray)))
+        };
+        let [width, height] = self.size;
+        let corners: Vec<bool> = (0..=height)
+            .flat_map(|row| (0..=width).map(move |column| (column, row)))
+            .map(|(c, r)| is_shown(c, r))
+            .collect();
+        let is_whole = |index: usize| {
+            let corner = index / width * (width + 1) + index % width;
+            [0, 1, width + 1, width + 2].iter().all(|step| corners[corner + step])
+        };
+        let own = self.cells.iter().enumerate();
+        let nearest: Vec<f32> = own
+            .map(|(index, cell)| if cell.own.is_infinite() && !is_whole(index) { 0.0 } else { cell.own })
+            .collect();
+        self.cells = with_neighbors(&nearest, width);
+    }
+
     /// A ray toward a surface that any view measured must have met it, or something before it: where nothing came back,
     /// the sensor lost the return, and nothing is known about any place along the ray.
     pub(crate) fn hide_lost(&mut self, points: impl Iterator<Item = Vector3<f64>>) {

@@ -73,9 +73,15 @@ impl Visibility {
         }
         members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
         members.truncate(MAX_VIEWS);
+        let own = || (0..count).filter(|&i| is_of_part(i));
+        let step = own().count().div_ceil(LOOKED_AT).max(1);
+        let part: Vec<[Vector3<f64>; 2]> =
+            own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
         let maps = |points_per_cell: f64| -> Vec<DepthMap> {
             let map = |(center, indices): &(&Vector3<f64>, Vec<u32>)| {
-                DepthMap::new(center, &point_of, indices, points_per_cell)
+                let mut map = DepthMap::new(center, &point_of, indices, points_per_cell)?;
+                map.hide_beyond(&pictures_from(center, &part, pictures));
+                Some(map)
             };
             members.par_iter().filter_map(map).collect()
         };
@@ -83,10 +89,6 @@ impl Visibility {
         if views.is_empty() {
             return None;
         }
-        let own = || (0..count).filter(|&i| is_of_part(i));
-        let step = own().count().div_ceil(LOOKED_AT).max(1);
-        let part: Vec<[Vector3<f64>; 2]> =
-            own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
         let (mut dropout, mut shows_details) = (0.0, true);
         if loss_ratio(&views, &part) >= NO_LOSS {
             views = maps(LOSSY_POINTS_PER_CELL);
@@ -177,6 +179,19 @@ fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
     if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
+/// The pictures that were taken from the place of a view, the nearest one first.
+fn pictures_from<'a>(
+    center: &Vector3<f64>,
+    part: &[[Vector3<f64>; 2]],
+    pictures: &'a [Picture],
+) -> Vec<&'a Picture> {
+    let away = |picture: &Picture| (picture.center() - center).norm();
+    let range = part.first().map_or(0.0, |[point, _]| (point - center).norm());
+    let mut from: Vec<&Picture> = pictures.iter().filter(|picture| away(picture) <= NEAR * range).collect();
+    from.sort_by(|a, b| away(a).total_cmp(&away(b)));
+    from
+}
+
 /// What a view says about directions beside its points. Where all that other views measured of the part, and that its
 /// picture would have shown, lies among its points, these were not cut off by anything: it saw nothing beside them. With
 /// neither another view nor a known picture nothing tells.
@@ -184,10 +199,7 @@ fn surroundings(view: &DepthMap, part: &[[Vector3<f64>; 2]], pictures: &[Picture
     /// Share of these points that may be strays: a rim that a view lost at its edge is more.
     const STRAYS: f64 = 0.0005;
     let others: Vec<&Vector3<f64>> = part.iter().filter(|p| p[1] != view.center).map(|p| &p[0]).collect();
-    let away = |picture: &Picture| (picture.center() - view.center).norm();
-    let nearest = pictures.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
-    let range = part.first().map_or(0.0, |[point, _]| (point - view.center).norm());
-    let picture = nearest.filter(|picture| away(picture) <= NEAR * range);
+    let picture = pictures_from(&view.center, part, pictures).into_iter().next();
     let is_shown = |point: &Vector3<f64>| picture.is_none_or(|picture| picture.shows(point));
     let beside = others.iter().filter(|point| view.is_outside(point) && is_shown(point)).count();
     if beside as f64 > STRAYS * others.len() as f64 {
