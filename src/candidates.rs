@@ -90,9 +90,10 @@ impl Estimator {
             let start = candidate.order.unwrap_or(candidate.hypothesis);
             let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
             if self.is_beyond_hint(prepared, &refined.axis) {
+                answered.push((candidate, REFUSED));
                 continue;
             }
-            let detection = self.detect(prepared, &refined.axis);
+            let detection = self.detect(prepared, &refined.axis, control)?;
             let order = if declared == Order::Auto { detection.order } else { Some(declared) };
             let Some(order) = order else {
                 if refusal.as_ref().is_none_or(|best| detection.explained > best.explained) {
@@ -146,7 +147,7 @@ impl Estimator {
     }
 
     /// Finds the order about an axis.
-    fn detect(&self, prepared: &Prepared, axis: &Axis) -> Detection {
+    fn detect(&self, prepared: &Prepared, axis: &Axis, control: &Control) -> Result<Detection> {
         let surface = &prepared.surface;
         let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
         let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
@@ -159,18 +160,18 @@ impl Estimator {
             params.ring_samples = params.ring_samples.min(REMARKED);
         }
         let sight = prepared.sight(axis);
-        let mut detection = detect_order(surface, axis, gate, sight, &params);
+        let turning = Turning { surface, axis, gate, sight, control };
+        let mut detection = detect_order(&turning, &params)?;
         let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
         if let Some(order) = detection.order.filter(|_| shows_details) {
-            let turning = Turning { surface, axis, gate, sight };
-            detection.details = contradicting_details(&turning, order, &params);
+            detection.details = contradicting_details(&turning, order, &params)?;
             if let Some(Details::OfOrder { order, .. }) = detection.details {
                 // What was faint is the order of the rest.
                 (detection.order, detection.faint) = (Some(Order::Cyclic(order)), false);
                 detection.looked_for = params.max_order;
             }
         }
-        detection
+        Ok(detection)
     }
 
     /// Aligns on a few of the points, then on many, then moves all points too.

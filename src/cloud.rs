@@ -11,7 +11,7 @@ use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpo
 use crate::viewpoints::Viewpoints;
 
 /// Squares of coordinates beyond this magnitude would overflow in the single precision of the lookups.
-const LARGEST_COORDINATE: f64 = 1e18;
+pub(crate) const LARGEST_COORDINATE: f64 = 1e18;
 
 /// A validated cloud: finite points about a local origin, with optional viewpoints and normals.
 ///
@@ -112,7 +112,7 @@ impl PointCloud {
     ///
     /// # Errors
     /// [`Error::LengthMismatch`] unless there is one row or one for each input point; [`Error::InvalidParameter`] when
-    /// the viewpoint of a finite point is not finite.
+    /// the viewpoint of a finite point is not finite, or beyond 1e18 in magnitude.
     pub fn with_viewpoints(self, viewpoints: impl AsRef<[[f64; 3]]>) -> Result<Self> {
         self.with_sensor_at(Viewpoints::of_rows(viewpoints.as_ref()))
     }

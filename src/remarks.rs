@@ -149,8 +149,9 @@ pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
     const MANY: f64 = 0.05;
     (dropout > MANY).then(|| {
         let percent = 100.0 * dropout / (1.0 + dropout);
+        let about = if dropout < 1.0 { "about" } else { "at least" };
         format!(
-            "about {percent:.0} % of the returns are missing where a surface should be seen: gaps in the part look like \
+            "{about} {percent:.0} % of the returns are missing where a surface should be seen: gaps in the part look like \
              gaps in the scan, so declare the order where it is known"
         )
     })

@@ -121,7 +121,7 @@ impl SmoothingParams {
         let neighbors = "0 to 1,000 neighbours";
         within("smoothing.ray_neighbors", self.ray_neighbors, ..=MAX_NEIGHBORS, neighbors)?;
         within("smoothing.max_neighbors", self.max_neighbors, ..=MAX_NEIGHBORS, neighbors)?;
-        positive_or_off("smoothing.max_angle", self.max_angle)
+        self.max_angle.map_or(Ok(()), |limit| angle("smoothing.max_angle", limit))
     }
 }
 
@@ -134,7 +134,7 @@ impl ProposeParams {
         positive("propose.gate", self.gate)?;
         positive("propose.distinct_angle", self.distinct_angle)?;
         positive("propose.distinct_offset", self.distinct_offset)?;
-        positive("propose.max_hint_angle", self.max_hint_angle)
+        angle("propose.max_hint_angle", self.max_hint_angle)
     }
 }
 
@@ -168,7 +168,7 @@ impl RefineParams {
         repeats("refine.max_full_rounds", self.max_full_rounds)?;
         repeats("refine.max_joint_steps", self.max_joint_steps as usize)?;
         positive("refine.gate", self.gate)?;
-        positive("refine.max_normal_angle", self.max_normal_angle)?;
+        angle("refine.max_normal_angle", self.max_normal_angle)?;
         positive("refine.huber_width", self.huber_width)?;
         positive("refine.tolerance", self.tolerance)?;
         positive("refine.anchor", self.anchor)
@@ -212,6 +212,10 @@ fn not_negative(name: &'static str, value: f64) -> Result<()> {
 
 pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
     within(name, value, f64::MIN_POSITIVE..f64::INFINITY, "a positive, finite number")
+}
+
+fn angle(name: &'static str, value: f64) -> Result<()> {
+    within(name, value, f64::MIN_POSITIVE..=std::f64::consts::PI, "a positive angle up to pi [rad]")
 }
 
 fn positive_or_off(name: &'static str, limit: Option<f64>) -> Result<()> {

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
+use crate::cloud::LARGEST_COORDINATE;
 use crate::error::{Error, Result};
 
 /// Places of the sensor, and which of them each point was seen from: a place that many points share is kept once.
@@ -69,9 +70,9 @@ impl Viewpoints {
         Err(Error::LengthMismatch { what: "viewpoints", expected: points, got: self.place_of.len() })
     }
 
-    /// Refuses a place with a NaN or infinite coordinate.
+    /// Refuses a place with a coordinate that is NaN, infinite, or too large to be squared safely.
     pub(crate) fn check_finite(&self) -> Result<()> {
-        let is_bad = |place: &[f64; 3]| place.iter().any(|x| !x.is_finite());
+        let is_bad = |place: &[f64; 3]| !place.iter().all(|x| x.abs() <= LARGEST_COORDINATE);
         if !self.places.iter().any(is_bad) {
             return Ok(());
         }
@@ -79,7 +80,7 @@ impl Viewpoints {
         let count = (0..total).filter(|&i| is_bad(&self.places[self.place_of(i)])).count();
         Err(Error::InvalidParameter {
             name: "viewpoints",
-            value: format!("{count} of {total} rows with a NaN or infinite coordinate"),
+            value: format!("{count} of {total} rows with a coordinate that is NaN, infinite, or beyond 1e18"),
             expected: "finite positions of the sensor, or none where it is not known",
         })
     }

@@ -86,7 +86,7 @@ fn bad_usage_is_refused() {
     refused(&["estimate", HUB, "--roi", "1", "1", "1", "0", "2", "2"], "finite corners, the lower one below");
     refused(&["estimate", HUB, "--roi", "0", "0", "0", "1", "1", "inf"], "finite corners");
     refused(&["estimate", HUB, "--axis-hint", "0", "0", "0"], "axis_hint");
-    refused(&["estimate", HUB, "--viewpoint", "inf", "0", "0"], "NaN or infinite");
+    refused(&["estimate", HUB, "--viewpoint", "inf", "0", "0"], "NaN, infinite");
     refused(&["estimate", HUB, "--completed", "whole.stl"], "whole.stl: cannot write \"stl\"");
     refused(&["estimate", "none.ply", "--completed", "no/whole.ply"], "no: ");
     refused(&["estimate", "none.ply", "--json", "no/pose.json"], "no: ");

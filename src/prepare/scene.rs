@@ -289,8 +289,12 @@ pub(super) fn enough(stage: &'static str, got: usize) -> Result<()> {
         "ground" => {
             "nearly all lies in the plane that was taken for the support; set ground to \"off\" if it is of the part"
         }
-        "downsample" => "choose a smaller voxel, or leave voxel_size open",
-        _ => "scan the part more densely, or loosen the limits of `outliers`",
+        "downsample" => {
+            "choose a smaller voxel or leave voxel_size open, and remove what lies far from the part"
+        }
+        _ => {
+            "scan the part more densely, loosen the limits of `outliers`, or enlarge voxel_size where it is set"
+        }
     };
     Err(Error::InsufficientData { stage, needed: MIN_POINTS, got, hint })
 }

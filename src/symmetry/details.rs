@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
+use crate::error::Result;
 use crate::symmetry::axis::Turn;
 use crate::symmetry::detect::{DetectParams, largest_group};
 use crate::symmetry::order::{Order, Turns};
@@ -39,11 +40,14 @@ const SAMPLES: usize = 1500;
 const EXPECTED: f64 = 12.0;
 
 /// The details that contradict a group `order` which holds otherwise.
+///
+/// # Errors
+/// When the work is cancelled.
 pub(crate) fn contradicting_details(
     turning: &Turning<'_>,
     order: Order,
     params: &DetectParams,
-) -> Option<Details> {
+) -> Result<Option<Details>> {
     /// Distance of a match beside that elsewhere: the rim of a hole must not match what comes to lie in it, and where there is
     /// a surface no ray goes on behind it, so that nothing speaks against points that miss it.
     const NARROW: f64 = 0.7;
@@ -51,7 +55,7 @@ pub(crate) fn contradicting_details(
     let turning = Turning { gate, ..*turning };
     let (rings, with_details) = rings_with_details(&turning, order);
     if with_details.is_empty() {
-        return None;
+        return Ok(None);
     }
     let samples = rings.within(&with_details, &turning.surface.samples, SAMPLES);
     let (fractions, parts): (Vec<_>, Vec<u32>) = match order {
@@ -61,19 +65,19 @@ pub(crate) fn contradicting_details(
         }
         _ => (params.fractions(), (2..=params.max_order).collect()),
     };
-    let sweep = Sweep::new(&turning, &samples, fractions, Turned::All);
+    let sweep = Sweep::new(&turning, &samples, fractions, Turned::All)?;
     let everything: Vec<usize> = (0..samples.points.len()).collect();
     let against = match order {
         Order::Cyclic(n) => sweep.order(n, &everything).sum,
         _ => sweep.generic(&everything),
     };
     if against.share_against() * against.total() < EXPECTED {
-        return None;
+        return Ok(None);
     }
-    match part_that_holds(&sweep, &everything, &parts, against.share_against()) {
+    Ok(match part_that_holds(&sweep, &everything, &parts, against.share_against()) {
         Some(part) => Some(Details::OfOrder { order: part, rest: order }),
         None => is_misfit(&turning, order, &rings, &with_details, &against).then_some(Details::OfNone),
-    }
+    })
 }
 
 /// All rings, and those in which something speaks against the group.

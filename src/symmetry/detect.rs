@@ -7,13 +7,14 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::error::Result;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::details::Details;
 use crate::symmetry::order::Order;
 use crate::symmetry::peaks::order_from_peaks;
 use crate::symmetry::rings::Rings;
 use crate::symmetry::sight::Sight;
-use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::surface::Samples;
 use crate::symmetry::sweep::{OrderEvidence, SURVEY_ORDER, Sweep, Turned, Turning, up_to};
 
 /// How the order is found.
@@ -143,29 +144,25 @@ fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize>
     (0..count).into_par_iter().filter(|&i| contradicted(i)).collect()
 }
 
-/// Finds the order of `surface` about `axis`.
-#[must_use]
-pub fn detect_order(
-    surface: &Surface,
-    axis: &Axis,
-    gate: Gate,
-    sight: Sight<'_>,
-    params: &DetectParams,
-) -> Detection {
-    let turning = Turning { surface, axis, gate, sight };
-    let survey = Survey::new(&turning, params);
+/// Finds the order of a surface about an axis.
+///
+/// # Errors
+/// When the work is cancelled.
+pub(crate) fn detect_order(turning: &Turning<'_>, params: &DetectParams) -> Result<Detection> {
+    let survey = Survey::new(turning, params)?;
     if survey.structured_share() < params.continuous {
-        return survey.revolution(params);
+        return Ok(survey.revolution(params));
     }
-    if let Some(detection) = survey.hopeless(sight, params) {
-        return detection;
+    if let Some(detection) = survey.hopeless(turning.sight, params) {
+        return Ok(detection);
     }
-    let structure = Structure::new(&turning, &survey, params);
-    if sight.is_known() {
+    let structure = Structure::new(turning, &survey, params)?;
+    Ok(if turning.sight.is_known() {
         structure.seen_order(&survey, params)
     } else {
-        structure.unseen_order(&survey, twisted(axis, &survey.samples) < params.twisted, params)
-    }
+        let is_round = twisted(turning.axis, &survey.samples) < params.twisted;
+        structure.unseen_order(&survey, is_round, params)
+    })
 }
 
 /// Points of all the surface at all angles: where it has structure.
@@ -178,13 +175,13 @@ struct Survey {
 }
 
 impl Survey {
-    fn new(turning: &Turning<'_>, params: &DetectParams) -> Self {
+    fn new(turning: &Turning<'_>, params: &DetectParams) -> Result<Self> {
         let samples = turning.surface.samples.strided(params.samples);
-        let sweep = Sweep::new(turning, &samples, up_to(SURVEY_ORDER), Turned::All);
+        let sweep = Sweep::new(turning, &samples, up_to(SURVEY_ORDER), Turned::All)?;
         let everything: Vec<usize> = (0..samples.points.len()).collect();
         let generic = sweep.generic(&everything).share_against();
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
-        Self { samples, sweep, structured, generic }
+        Ok(Self { samples, sweep, structured, generic })
     }
 
     /// Share of the points that tell one angle from another.
@@ -242,13 +239,14 @@ struct Structure {
 }
 
 impl Structure {
-    fn new(turning: &Turning<'_>, survey: &Survey, params: &DetectParams) -> Self {
+    fn new(turning: &Turning<'_>, survey: &Survey, params: &DetectParams) -> Result<Self> {
         let Turning { surface, axis, sight, .. } = turning;
         let rings = Rings::about(axis, &survey.samples);
         let with_structure = survey.structured.iter().map(|&i| rings.of(&survey.samples.points[i])).collect();
         // To look at each point of a large surface takes longer than all that follows; without viewpoints peaks are small
         // and need the points that are best spread over the rings.
-        let looked_at = if sight.is_known() { CANDIDATES * params.ring_samples } else { surface.len() };
+        let looked_at =
+            if sight.is_known() { CANDIDATES.saturating_mul(params.ring_samples) } else { surface.len() };
         let mut samples =
             rings.within(&with_structure, &surface.samples.strided(looked_at), params.ring_samples);
         if samples.points.len() < params.ring_samples {
@@ -256,14 +254,14 @@ impl Structure {
         }
         // Without viewpoints peaks are small.
         let turned = if sight.is_known() { Turned::Enough } else { Turned::All };
-        let sweep = Sweep::new(turning, &samples, params.fractions(), turned);
+        let sweep = Sweep::new(turning, &samples, params.fractions(), turned)?;
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
         let orders: Vec<u32> = (2..=params.max_order).collect();
         let evidence: Vec<(u32, OrderEvidence)> =
             orders.into_par_iter().map(|n| (n, sweep.order(n, &structured))).collect();
         let generic = sweep.generic(&structured).share_against();
         let floor = evidence.iter().map(|(_, e)| e.sum.share_against()).fold(f64::INFINITY, f64::min);
-        Self { sweep, structured, evidence, generic, floor }
+        Ok(Self { sweep, structured, evidence, generic, floor })
     }
 
     /// The evidence gathered here, beside what the survey says.

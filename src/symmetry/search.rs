@@ -13,6 +13,7 @@ use crate::symmetry::revolution::axis_of_revolution;
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
+use crate::symmetry::sweep::Turning;
 use crate::symmetry::visibility::Visibility;
 
 /// Orders under which axes are proposed when none is known: small primes, whose multiples they also find, and turns
@@ -194,7 +195,8 @@ fn consider(
     let ask = |(axis, hypothesis): (Axis, Order)| {
         context.control.check()?;
         let sight = Sight::about(&axis, surface, context.visibility);
-        let detection = detect_order(surface, &axis, context.gate, sight, quick);
+        let turning = Turning { surface, axis: &axis, gate: context.gate, sight, control: context.control };
+        let detection = detect_order(&turning, quick)?;
         let score = context.score(surface, &axis, detection.order.unwrap_or(hypothesis), sight);
         Ok(Found {
             proposal: Proposal { axis, score },

@@ -5,6 +5,8 @@ use std::collections::HashMap;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::control::Control;
+use crate::error::Result;
 use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::score::{MISSING, Outcome, outcome};
 use crate::symmetry::sight::Sight;
@@ -74,6 +76,7 @@ pub(crate) struct Turning<'a> {
     pub axis: &'a Axis,
     pub gate: Gate,
     pub sight: Sight<'a>,
+    pub control: &'a Control,
 }
 
 impl Turning<'_> {
@@ -112,7 +115,7 @@ impl Sweep {
         samples: &Samples,
         fractions: Vec<(u32, u32)>,
         turned: Turned,
-    ) -> Self {
+    ) -> Result<Self> {
         let every = |&(_, n): &(u32, u32)| match turned {
             Turned::All => 1,
             Turned::Enough => n.div_ceil(SURVEY_ORDER) as usize,
@@ -123,15 +126,16 @@ impl Sweep {
             .zip(&times)
             .enumerate()
             .map(|(row, (&(k, n), &times))| {
+                turning.control.check()?;
                 let turn = turning.axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
                 let outcome = |i: usize| turning.outcome(&samples.points[i], &samples.normals[i], &turn);
                 let is_turned = |i: usize| (i + row).is_multiple_of(times);
                 let all = 0..samples.points.len();
-                all.map(|i| if is_turned(i) { outcome(i) } else { Outcome::Hidden }).collect()
+                Ok(all.map(|i| if is_turned(i) { outcome(i) } else { Outcome::Hidden }).collect())
             })
-            .collect();
+            .collect::<Result<_>>()?;
         let row_of = fractions.iter().enumerate().map(|(row, &fraction)| (fraction, row)).collect();
-        Self { fractions, row_of, outcomes, times }
+        Ok(Self { fractions, row_of, outcomes, times })
     }
 
     /// Evidence at k/n over the chosen samples.

@@ -47,7 +47,7 @@ pub struct Visibility {
     /// Unit normal and offset of the plane below which there is nothing.
     support: Option<(Vector3<f64>, f64)>,
     /// Returns that are missing for each that came, where one view measured a surface that another one should have
-    /// seen: 0 for a sensor that loses none.
+    /// seen: 0 for a sensor that loses none, 1 where as many are missing, or more.
     pub dropout: f64,
     /// Whether a gap of a few points shows: not where returns are lost.
     pub shows_details: bool,

@@ -230,6 +230,7 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"seed": -1}, r"seed: .*-1.*, expected a whole number from 0 to 9,223"),
         ({"seed": 2**63}, "seed = 9223372036854775808: expected a whole number from 0 to 9,223"),
         ({"seed": 2**64}, "seed: .*expected a whole number from 0 to 9,223"),
+        ({"viewpoints": [0.0, 0.0, 1e300]}, "1 of 1 rows with a coordinate .* beyond 1e18"),
         ({"timeout": 0.0}, "timeout"),
         ({"timeout": float("nan")}, "timeout"),
         ({"timeout": "2"}, "timeout = '2': expected a positive number of seconds"),

@@ -96,6 +96,22 @@ def test_a_deadline_ends_the_call() -> None:
     assert result(make_part(500), timeout=1e9)
 
 
+def test_a_deadline_ends_the_search_for_the_order() -> None:
+    part = make_part(3000)
+    many = sympose.Config(detect={"max_order": 360, "ring_samples": 6000, "samples": 3000})
+
+    def search(timeout: float | None) -> float:
+        started = time.perf_counter()
+        try:
+            sympose.estimate(part.points, viewpoints=part.viewpoint, config=many, timeout=timeout)
+        except DeadlineExceededError:
+            assert timeout is not None
+        return time.perf_counter() - started
+
+    whole = search(None)
+    assert search(0.3 * whole) < 0.6 * whole
+
+
 def seen_by(part: Part, views: int) -> Scene:
     """The part as cameras about the place of its sensor see it."""
     camera = PinholeCamera(320, 240, 250.0, 250.0, 159.5, 119.5)
