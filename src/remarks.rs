@@ -9,6 +9,7 @@ use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
 use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::{Found, group_size};
+use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::Spread;
 
 /// What is remarked on an answer.
@@ -47,6 +48,7 @@ pub(crate) fn remarks(
     let likeness = Likeness::sought(declared, one_view || prepared.one_view());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
+    let ambiguity = ambiguity.or_else(|| beyond_sight(&prepared.surface, score));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
@@ -106,6 +108,22 @@ fn out_of_sight(declared: Order, score: &MatchScore) -> Option<String> {
         format!(
             "ambiguous: the symmetry brings {:.0} % of what the only view shows out of sight, and another axis may explain \
              it as well: add a view",
+            100.0 * share
+        )
+    })
+}
+
+/// Says so when turns take a part of a flat surface to where no camera looked: nothing of it hides anything else, so that it
+/// ends there, or was cut off.
+fn beyond_sight(surface: &Surface, score: &MatchScore) -> Option<String> {
+    /// Share of it that may come to lie there: noise at the rim.
+    const MOST: f64 = 0.03;
+    let [_, _, _, hidden] = score.counts();
+    let share = hidden / score.counts().iter().sum::<f64>();
+    (share > MOST && surface.is_flat()).then(|| {
+        format!(
+            "ambiguous: all that was measured lies in one plane, and the symmetry brings {:.0} % of it to where no camera \
+             looked: the part may go on there, or be another one",
             100.0 * share
         )
     })

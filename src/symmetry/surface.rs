@@ -1,6 +1,6 @@
 //! The measured surface that a symmetry is matched against: points, normals and a table of the nearest point, all in one frame.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use crate::symmetry::field::NearestField;
@@ -134,6 +134,17 @@ impl Surface {
     #[must_use]
     pub fn len(&self) -> usize {
         self.samples.points.len()
+    }
+
+    /// Whether all of it lies in one plane, but for a hundredth of its extent.
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        /// Standard deviation across the plane [that along it].
+        const FLAT: f64 = 0.01;
+        let arms = self.samples.points.iter().map(|p| p - self.centroid);
+        let scatter: Matrix3<f64> = arms.map(|arm| arm * arm.transpose()).sum();
+        let variances = scatter.symmetric_eigenvalues();
+        variances.min() < FLAT * FLAT * variances.max()
     }
 
     /// Always false.

@@ -35,3 +35,47 @@ def test_a_picture_that_cuts_the_part_does_not_cut_its_order(name: str, views: i
     assert found.order == scanned.order
     assert np.degrees(np.arccos(abs(found.axis @ scanned.axis))) < 0.2
     assert not any("returns are missing" in warning for warning in found.warnings)
+
+
+def test_an_empty_table_is_no_part_to_act_on() -> None:
+    camera = PinholeCamera(320, 240, 400.0, 400.0, 159.5, 119.5)
+    points, places, views = [], [], []
+    for turn in (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0):
+        place = np.array([np.cos(turn), np.sin(turn), 1.5])
+        forward = -place / np.linalg.norm(place)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+        pose[:3, 3] = place
+        row, column = np.mgrid[:240, :320]
+        rays = np.stack([(column - 159.5) / 400.0, (row - 119.5) / 400.0, np.ones((240, 320))], axis=-1)
+        rays = rays.reshape(-1, 3) @ pose[:3, :3].T
+        depth = -place[2] / rays[:, 2] + np.random.default_rng(int(turn)).normal(0.0, 1e-3, len(rays))
+        points.append(place + rays * depth[:, None])
+        places.append(np.tile(place, (len(rays), 1)))
+        views.append(View(camera, pose))
+    scene = Scene(np.vstack(points), viewpoints=np.vstack(places), views=tuple(views))
+    try:
+        found = sympose.estimate(scene)
+    except sympose.NoSymmetryError:
+        return
+    assert found.score < 0.5
+    assert any("lies in one plane" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("height", [0.8, 0.5, 0.2])
+def test_a_flat_rectangle_is_no_disc(height: float) -> None:
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-0.5, 0.5, (30_000, 3)) * [1.0, height, 0.0]
+    points[:, 2] = rng.normal(0.0, 1e-3, len(points))
+    found = sympose.estimate(points, viewpoints=[0.0, 0.0, 3.0])
+    assert found.order == 2 or (found.score < 0.5 and any("one plane" in w for w in found.warnings))
+
+
+def test_a_flat_disc_is_one() -> None:
+    rng = np.random.default_rng(3)
+    radius, angle = np.sqrt(rng.uniform(0.05, 0.25, 30_000)), rng.uniform(0.0, 2.0 * np.pi, 30_000)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.normal(0.0, 1e-3, 30_000)], axis=1)
+    found = sympose.estimate(points, viewpoints=[0.0, 0.0, 3.0])
+    assert (found.order, found.score > 0.9) == ("continuous", True)

@@ -213,7 +213,7 @@ def test_all_nan_and_overflowing_clouds_are_refused() -> None:
         ({"views": 7}, "views must be a sequence"),
         ({"viewpoints": [0.0, 0.0]}, "viewpoints"),
         ({"viewpoints": np.zeros((7, 3))}, "viewpoints has 7 rows"),
-        ({"viewpoints": [0.0, 0.0, np.nan]}, "viewpoints = 1 of 1 rows with a NaN"),
+        ({"viewpoints": [0.0, 0.0, np.nan]}, "viewpoints = 1 of 1 rows with a coordinate that is NaN"),
         ({"normals": np.zeros((7, 3))}, "normals has 7 rows"),
         ({"normals": np.zeros(3)}, "normals"),
         ({"roi": [[0, 0, 0]]}, "roi"),
