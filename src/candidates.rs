@@ -8,8 +8,9 @@ use crate::error::{Error, Evidence, Result};
 use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
-use crate::remarks::{Remarks, lost_returns, remarks};
+use crate::remarks::{Remarks, closer_part_holds, lost_returns, remarks};
 use crate::symmetry::axis::Axis;
+use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
 use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
@@ -124,7 +125,20 @@ impl Estimator {
                 answered.push((candidate, PASSED));
             }
         }
-        best.map(|(_, settled)| settled).ok_or_else(|| self.no_symmetry(prepared, refusal))
+        let (_, mut settled) = best.ok_or_else(|| self.no_symmetry(prepared, refusal))?;
+        settled.warnings.extend(self.closer(prepared, &settled));
+        Ok(settled)
+    }
+
+    /// A remark where a part of the group holds more closely than the whole, unless it was found that the whole does not hold.
+    fn closer(&self, prepared: &Prepared, settled: &Settled) -> Option<String> {
+        let Order::Cyclic(n) = settled.order else { return None };
+        if !settled.detection.allows(settled.order) {
+            return None;
+        }
+        let surface = &prepared.surface;
+        let part = closer_part(surface, &settled.refined.axis, n, self.final_gate(surface))?;
+        Some(closer_part_holds(n, &part, prepared.diameter))
     }
 
     /// What becomes of the surface under the turns of an order.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::no_return::{crowded_places, usual_box};
+use crate::no_return::{crowded_places, far_level, usual_box};
 use crate::picture::Picture;
 use crate::preprocess::{CHUNK, SensorPlaces, check_finite, finite_bounds, viewpoints_from_order};
 use crate::viewpoints::Viewpoints;
@@ -75,6 +75,10 @@ impl PointCloud {
             coinciding = leave_out(&mut points, &mut input_index, is_crowded);
         }
         let mut bounds = finite_bounds(&points)?;
+        if let Some((axis, level)) = far_level(&points, bounds) {
+            coinciding += leave_out(&mut points, &mut input_index, |p| p[axis] == level);
+            bounds = finite_bounds(&points)?;
+        }
         let mut far = 0;
         if let Some([least, most]) = usual_box(&points, bounds) {
             let is_unusual = |p: &[f64; 3]| !(0..3).all(|axis| (least[axis]..=most[axis]).contains(&p[axis]));
@@ -200,7 +204,8 @@ impl PointCloud {
     }
 
     /// Number of input points that were left out because they share one place, or a few places: a sensor that writes zeros where
-    /// it gets no return. No surface has a hundredth of its points at one place.
+    /// it gets no return. No surface has a hundredth of its points at one place. Or they share one value of a coordinate,
+    /// farther from all others than these are apart: a sensor that writes -9999 for the height, and the place beside it.
     #[must_use]
     pub fn coinciding(&self) -> usize {
         self.coinciding

@@ -257,7 +257,10 @@ impl Estimator {
             format!("far points left out, a hundred times as far away as the scan is wide: {}", cloud.far())
         });
         let coinciding = (cloud.coinciding() > 0).then(|| {
-            format!("points at one place left out, as where a sensor gets no return: {}", cloud.coinciding())
+            format!(
+                "points at one place, or at one far value of a coordinate, left out, as where a sensor gets no return: {}",
+                cloud.coinciding()
+            )
         });
         let no_ground = self.config.ground == GroundMode::On && prepared.ground.is_none();
         let no_ground = no_ground.then(|| NO_GROUND.to_owned());

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::prepare::Prepared;
 use crate::symmetry::axis::Axis;
+use crate::symmetry::closeness::CloserPart;
 use crate::symmetry::details::Details;
 use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
@@ -173,6 +174,19 @@ pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
              gaps in the scan, so declare the order where it is known"
         )
     })
+}
+
+/// Says that a part of a group of order `n` holds more closely than the whole.
+pub(crate) fn closer_part_holds(n: u32, part: &CloserPart, diameter: f64) -> String {
+    let percent = |distance: f64| 100.0 * distance / diameter;
+    format!(
+        "order {n} holds less closely than order {}: 19 of 20 points come to within {:.2} % of the diameter of the surface, not \
+         {:.2} %; declare {} where that matters",
+        part.order,
+        percent(part.others_within),
+        percent(part.within),
+        part.order
+    )
 }
 
 /// Says so when views are off their places by more than the noise of what they measure.

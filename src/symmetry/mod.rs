@@ -2,6 +2,7 @@
 
 pub mod alignment;
 pub mod axis;
+pub(crate) mod closeness;
 pub mod closure;
 pub mod complete;
 pub mod covariance;

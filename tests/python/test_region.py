@@ -93,6 +93,34 @@ def test_points_that_stand_for_no_return_are_left_out(hub: Scan, place: float, s
     np.testing.assert_array_equal(with_zeros[found.inliers], points[exact.inliers])
 
 
+@pytest.mark.parametrize(("level", "share"), [(-999.0, 0.5), (-9999.0, 3.0), (32767.0, 0.05)])
+def test_a_height_that_stands_for_no_return_is_left_out(hub: Scan, level: float, share: float) -> None:
+    """As of a profiler that writes a number for the height, and the place beside it."""
+    points, viewpoints = hub.scene.points[::3], hub.scene.viewpoints
+    assert viewpoints is not None
+    exact = sympose.estimate(points, viewpoints=viewpoints[::3])
+    beside = np.random.default_rng(0).uniform(-1, 1, size=(int(share * len(points)), 3))
+    beside[:, 2] = level
+    found = sympose.estimate(
+        np.vstack([points, beside]), viewpoints=np.vstack([viewpoints[::3], np.zeros_like(beside)])
+    )
+    assert found.diagnostics["coinciding_points"] == len(beside)
+    assert any("far value of a coordinate" in warning for warning in found.warnings)
+    np.testing.assert_array_equal(found.pose, exact.pose)
+
+
+def test_what_lies_at_one_height_near_the_rest_is_kept(hub: Scan) -> None:
+    """A made-up plane, below a part that hovers over it, and points of one plane with a stray above it."""
+    plane = np.random.default_rng(0).uniform(-1, 1, size=(20_000, 3))
+    plane[:, 2] = hub.scene.points[:, 2].min() - 1.0
+    found = sympose.estimate(np.vstack([hub.scene.points, plane]), order=hub.order)
+    assert found.diagnostics["coinciding_points"] == 0
+    disc = plane[np.linalg.norm(plane[:, :2], axis=1) < 1]
+    found = sympose.estimate(np.vstack([disc, disc[:1] + [0, 0, 1e6]]), order=2)
+    assert found.diagnostics["coinciding_points"] == 0
+    assert found.diagnostics["far_points"] == 1
+
+
 def test_zeros_do_not_hide_the_order_of_the_points(hub: Scan) -> None:
     """Of a picture whose pixels without a return are zeros."""
     first = hub.scene.points[np.asarray(hub.view_of_point) == 0]
