@@ -13,6 +13,9 @@ use crate::viewpoints::Viewpoints;
 /// Squares of coordinates beyond this magnitude would overflow in the single precision of the lookups.
 pub(crate) const LARGEST_COORDINATE: f64 = 1e18;
 
+/// Squares of distances within a cloud smaller than this would vanish in that single precision.
+const SMALLEST_EXTENT: f64 = 1e-18;
+
 /// A validated cloud: finite points about a local origin, with optional viewpoints and normals.
 ///
 /// Points with a NaN or infinite coordinate (usual in organised depth clouds) are left out and counted; indices in
@@ -43,7 +46,8 @@ impl PointCloud {
     ///
     /// # Errors
     /// [`Error::InsufficientData`] when there is no point, [`Error::NonFinite`] when none is finite,
-    /// [`Error::InvalidParameter`] when a coordinate exceeds 1e18 in magnitude or there are more than 2^32 - 1 points.
+    /// [`Error::InvalidParameter`] when a coordinate exceeds 1e18 in magnitude, when points that do not all coincide span less
+    /// than 1e-18 along every axis, or when there are more than 2^32 - 1 points.
     pub fn from_points(mut points: Vec<[f64; 3]>) -> Result<Self> {
         let input_len = points.len();
         if input_len == 0 {
@@ -93,6 +97,15 @@ impl PointCloud {
             });
         }
         let [lower, upper] = bounds;
+        let extent = (0..3).map(|axis| upper[axis] - lower[axis]).fold(0.0, f64::max);
+        // Points at one place are refused by name where a surface is wanted.
+        if extent > 0.0 && extent < SMALLEST_EXTENT {
+            return Err(Error::InvalidParameter {
+                name: "points",
+                value: format!("an extent of {extent:e}"),
+                expected: "points that span at least 1e-18; give them in a smaller unit",
+            });
+        }
         let origin = std::array::from_fn(|axis| 0.5 * lower[axis] + 0.5 * upper[axis]);
         points.par_iter_mut().with_min_len(CHUNK).for_each(|p| {
             *p = [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];

@@ -341,6 +341,24 @@ fn clouds_that_hold_no_part_are_refused_with_a_reason() {
 }
 
 #[test]
+fn sizes_whose_squares_single_precision_does_not_hold_are_refused() {
+    let scaled = |scale: f64| knob(5, 6000).iter().map(|p| p.map(|x| x * scale)).collect::<Vec<_>>();
+    // As long as the squares are there, the unit changes nothing.
+    let axis_error =
+        |scale| Ok::<_, Error>(axis_error_deg(&estimate(scaled(scale), cyclic(5))?, &Isometry3::identity()));
+    assert!((axis_error(1e-17).unwrap() - axis_error(1.0).unwrap()).abs() < 1e-3);
+    for scale in [1e-19, 1e-21, 1e-160, 1e-300] {
+        let refused = PointCloud::from_points(scaled(scale));
+        assert!(
+            matches!(refused, Err(Error::InvalidParameter { name: "points", .. })),
+            "{scale:e}: {refused:?}"
+        );
+    }
+    // Few digits are left of what is small and far from the origin, but one place is no small extent.
+    assert_eq!(PointCloud::from_points(vec![[1e17, 0.0, 1e-30]; 3]).unwrap().len(), 3);
+}
+
+#[test]
 fn settings_outside_their_domain_are_named() {
     let mut no_samples = cyclic(5);
     no_samples.refine.samples = 0;

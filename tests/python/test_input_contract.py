@@ -191,11 +191,13 @@ def test_degenerate_clouds_are_refused(points: Points) -> None:
         sympose.estimate(points, order=3)
 
 
-def test_all_nan_and_overflowing_clouds_are_refused() -> None:
+def test_all_nan_overflowing_and_vanishing_clouds_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="500 of 500"):
         sympose.estimate(np.full((500, 3), np.nan), order=3)
     with pytest.raises(InvalidInputError, match="1e18"):
         sympose.estimate(np.eye(3) * 1e200, order=3)
+    with pytest.raises(InvalidInputError, match="at least 1e-18"):
+        sympose.estimate(np.eye(3) * 1e-200, order=3)
 
 
 @pytest.mark.parametrize(
