@@ -95,6 +95,12 @@ pub enum Error {
     },
 }
 
+/// A rejected number as a message shows it: no row of hundreds of digits where it is huge or tiny.
+pub(crate) fn shown(number: f64) -> String {
+    let plain = number == 0.0 || !number.is_finite() || (1e-4..1e16).contains(&number.abs());
+    if plain { number.to_string() } else { format!("{number:e}") }
+}
+
 /// What is wrong with these points: where none is left, to remove them is no advice.
 fn non_finite(count: usize, total: usize) -> String {
     if count == total {

@@ -43,7 +43,8 @@ pub(crate) fn check_pose(name: &'static str, pose: &Isometry3<f64>) -> Result<()
     if rotation.coords.iter().chain(translation.vector.iter()).all(|x| x.is_finite()) {
         return Ok(());
     }
-    Err(Error::InvalidParameter { name, value: pose.to_string(), expected: "a pose of finite numbers" })
+    let value = format!("{:?}, quaternion {:?}", translation.vector.as_slice(), rotation.coords.as_slice());
+    Err(Error::InvalidParameter { name, value, expected: "a pose of finite numbers" })
 }
 
 /// Height above the point of the axis at which it meets a plane; `None` when it runs along the plane.

@@ -13,6 +13,7 @@ use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::error::shown;
 use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::symmetry::order::Order;
 
@@ -175,7 +176,11 @@ impl<'a> Document<'a> {
         let quaternion = Quaternion::new(w, x, y, z);
         let norm = quaternion.norm();
         if (norm - 1.0).abs() > ROTATION_TOLERANCE || !norm.is_finite() {
-            return Err(format!("quaternion {:?}: expected unit length, found {norm}", self.quaternion));
+            return Err(format!(
+                "quaternion {:?}: expected unit length, found {}",
+                self.quaternion,
+                shown(norm)
+            ));
         }
         // Taken as it is: scaling it again would change its last bits.
         let rotation = UnitQuaternion::new_unchecked(quaternion);

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::ops::RangeBounds;
 
 use crate::config::{Config, OutlierParams, SEEDS, TrackingParams};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
 use crate::preprocess::{GroundParams, NormalParams, SmoothingParams};
 use crate::symmetry::detect::DetectParams;
 use crate::symmetry::order::MAX_ORDER;
@@ -97,7 +97,7 @@ impl OutlierParams {
         positive("outliers.std_ratio", self.std_ratio)?;
         positive_or_off("outliers.scattered", self.scattered)?;
         positive_or_off("outliers.off_surface", self.off_surface)?;
-        within(
+        real_within(
             "outliers.cluster_distance",
             self.cluster_distance,
             LEAST_DISTANCE..f64::INFINITY,
@@ -178,7 +178,12 @@ impl RefineParams {
 impl TrackingParams {
     fn validate(&self) -> Result<()> {
         at_least_one("tracking.points", self.points)?;
-        within("tracking.coarsening", self.coarsening, 1.0..f64::INFINITY, "a finite factor of at least 1")
+        real_within(
+            "tracking.coarsening",
+            self.coarsening,
+            1.0..f64::INFINITY,
+            "a finite factor of at least 1",
+        )
     }
 }
 
@@ -194,6 +199,18 @@ fn within<T: PartialOrd + Display>(
     Err(Error::InvalidParameter { name, value: value.to_string(), expected })
 }
 
+fn real_within(
+    name: &'static str,
+    value: f64,
+    domain: impl RangeBounds<f64>,
+    expected: &'static str,
+) -> Result<()> {
+    if domain.contains(&value) {
+        return Ok(());
+    }
+    Err(Error::InvalidParameter { name, value: shown(value), expected })
+}
+
 fn at_least_one(name: &'static str, count: usize) -> Result<()> {
     within(name, count, 1.., "at least 1")
 }
@@ -203,19 +220,19 @@ fn repeats(name: &'static str, count: usize) -> Result<()> {
 }
 
 fn share(name: &'static str, value: f64) -> Result<()> {
-    within(name, value, 0.0..=1.0, "a share from 0 to 1")
+    real_within(name, value, 0.0..=1.0, "a share from 0 to 1")
 }
 
 fn not_negative(name: &'static str, value: f64) -> Result<()> {
-    within(name, value, 0.0..f64::INFINITY, "a finite number, zero or more")
+    real_within(name, value, 0.0..f64::INFINITY, "a finite number, zero or more")
 }
 
 pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
-    within(name, value, f64::MIN_POSITIVE..f64::INFINITY, "a positive, finite number")
+    real_within(name, value, f64::MIN_POSITIVE..f64::INFINITY, "a positive, finite number")
 }
 
 fn angle(name: &'static str, value: f64) -> Result<()> {
-    within(name, value, f64::MIN_POSITIVE..=std::f64::consts::PI, "a positive angle up to pi [rad]")
+    real_within(name, value, f64::MIN_POSITIVE..=std::f64::consts::PI, "a positive angle up to pi [rad]")
 }
 
 fn positive_or_off(name: &'static str, limit: Option<f64>) -> Result<()> {

@@ -10,6 +10,7 @@ use serde_json::Value;
 use sympose::config::TrackingParams;
 use sympose::metrics::{adds, mssd};
 use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use sympose::preprocess::{ClusterParams, main_cluster, voxel_downsample};
 use sympose::result::{Diagnostic, FreeDirection};
 use sympose::{
     CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Reference, Request,
@@ -356,6 +357,35 @@ fn sizes_whose_squares_single_precision_does_not_hold_are_refused() {
     }
     // Few digits are left of what is small and far from the origin, but one place is no small extent.
     assert_eq!(PointCloud::from_points(vec![[1e17, 0.0, 1e-30]; 3]).unwrap().len(), 3);
+}
+
+#[test]
+fn messages_show_no_rows_of_digits() {
+    let refused = |change: fn(&mut Config)| {
+        let mut config = cyclic(5);
+        change(&mut config);
+        Estimator::new(config).unwrap_err().to_string()
+    };
+    let messages = [
+        refused(|config| config.voxel_size = Some(5e-324)),
+        refused(|config| config.refine.max_normal_angle = 1e300),
+        refused(|config| config.roi = Some([[1e300; 3], [-1e300; 3]])),
+        refused(|config| config.axis_hint = Some([5e-324; 3])),
+        PointCloud::from_points(vec![[1e300; 3]; 3]).unwrap_err().to_string(),
+        voxel_downsample(&[[0.0; 3], [1e300; 3]], 1e-300).unwrap_err().to_string(),
+        main_cluster(&[[0.0; 3]], &ClusterParams { distance: 1.0, keep_ratio: -1e300 })
+            .unwrap_err()
+            .to_string(),
+        adds(&[[0.0; 3]], &Isometry3::translation(1e300, 0.0, f64::NAN), &Isometry3::identity())
+            .unwrap_err()
+            .to_string(),
+    ];
+    for message in messages {
+        assert!(message.len() < 250 && !message.contains("00000000"), "{message}");
+    }
+    // Ordinary numbers are plain.
+    assert!(refused(|config| config.detect.support = 1.5).starts_with("detect.support = 1.5: expected"));
+    assert!(refused(|config| config.voxel_size = Some(-0.002)).starts_with("voxel_size = -0.002: expected"));
 }
 
 #[test]

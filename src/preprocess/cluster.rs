@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::CHUNK;
 use super::disjoint_sets::DisjointSets;
 use super::grid::Grid;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
 
 /// Settings of [`main_cluster`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,7 +49,7 @@ pub fn main_cluster(points: &[[f64; 3]], params: &ClusterParams) -> Result<Clust
     if !(0.0..=1.0).contains(&params.keep_ratio) {
         return Err(Error::InvalidParameter {
             name: "keep_ratio",
-            value: params.keep_ratio.to_string(),
+            value: shown(params.keep_ratio),
             expected: "a share in [0, 1]",
         });
     }

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::{CHUNK, finite_bounds};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
 use crate::validate::positive;
 
 /// Bits of a cell index along one axis: three of them fit a 64-bit key.
@@ -43,8 +43,10 @@ impl Grid {
             return Err(Error::InvalidParameter {
                 name,
                 value: format!(
-                    "{size} (a cloud of extent {extent} needs at least {})",
-                    1.000_001 * extent / most
+                    "{} (a cloud of extent {} needs at least {})",
+                    shown(size),
+                    shown(extent),
+                    shown(1.000_001 * extent / most)
                 ),
                 expected: "fewer than 2^21 cells along each axis; enlarge it, or remove far outliers first",
             });

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::eigen::smallest_eigenvector;
 use super::moments::Moments;
 use super::{CHUNK, check_finite};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
 use crate::validate::positive;
 
 /// Hypotheses between two looks at the stopping rule; fixed, so that it does not depend on the number of threads.
@@ -113,7 +113,7 @@ fn check(points: &[[f64; 3]], params: &PlaneParams) -> Result<()> {
     if !(params.probability > 0.0 && params.probability <= 1.0) {
         return Err(Error::InvalidParameter {
             name: "probability",
-            value: params.probability.to_string(),
+            value: shown(params.probability),
             expected: "a probability in (0, 1]",
         });
     }

@@ -10,6 +10,7 @@ use super::interrupt::interruptible;
 use super::reference::PyReference;
 use super::{arrays, config, errors, pool};
 use crate::control::Control;
+use crate::error::shown;
 use crate::estimate::{Estimator, Request};
 
 /// Estimate the pose of the part in a cloud; `sympose.estimate` is the call for users.
@@ -83,6 +84,6 @@ fn duration(py: Python<'_>, seconds: f64) -> PyResult<Duration> {
     }
     Err(errors::invalid_input(
         py,
-        format!("timeout = {seconds}: expected a positive number of seconds, or None"),
+        format!("timeout = {}: expected a positive number of seconds, or None", shown(seconds)),
     ))
 }

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use super::{arrays, errors, pool};
+use crate::error::shown;
 use crate::preprocess::KNeighbors;
 use crate::spatial::KdTree;
 
@@ -146,7 +147,7 @@ impl PyKdTree {
         if !(radius > 0.0 && radius.is_finite()) {
             return Err(errors::invalid_input(
                 py,
-                format!("radius = {radius}: expected a positive, finite number"),
+                format!("radius = {}: expected a positive, finite number", shown(radius)),
             ));
         }
         let found = pool::run(py, || Ok(self.tree.within_batch(queries, radius)))?;

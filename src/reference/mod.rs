@@ -15,7 +15,7 @@ use std::sync::OnceLock;
 use nalgebra::{Point3, Rotation3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, shown};
 use crate::estimate::Estimate;
 use crate::preprocess::median_spacing;
 use crate::result::Diagnostic;
@@ -254,7 +254,7 @@ impl Sector {
         let extent = self.points.iter().flatten().fold(0f32, |m, x| m.max(x.abs()));
         // A tiny cell would ask for any number of copies.
         if !(self.cell.is_finite() && self.cell > 1e-5 * f64::from(extent) && extent > 0.0) {
-            return Err(format!("cell = {}: expected the spacing of the points", self.cell));
+            return Err(format!("cell = {}: expected the spacing of the points", shown(self.cell)));
         }
         match self.copies().sum::<usize>() {
             MIN_POINTS..=MAX_POINTS => Ok(()),
