@@ -1,7 +1,7 @@
 //! What every setting of a [`Config`] may be.
 
 use std::fmt::Display;
-use std::ops::RangeBounds;
+use std::ops::{RangeBounds, RangeInclusive};
 
 use crate::config::{Config, OutlierParams, SEEDS, TrackingParams};
 use crate::error::{Error, Result, shown};
@@ -23,8 +23,8 @@ const MAX_NEIGHBORS: usize = 1000;
 /// Rotations, rounds and steps, at most: more of them would not be more exact, only slower.
 const MAX_REPEATS: usize = 1000;
 
-/// Distance between clusters, at least [diameters].
-const LEAST_DISTANCE: f64 = 1e-4;
+/// Distance between clusters, at least and at most [diameters]: with more nothing is left out, and no product overflows.
+const DISTANCES: RangeInclusive<f64> = 1e-4..=1e6;
 
 impl Config {
     /// Checks every setting.
@@ -100,8 +100,8 @@ impl OutlierParams {
         real_within(
             "outliers.cluster_distance",
             self.cluster_distance,
-            LEAST_DISTANCE..f64::INFINITY,
-            "a finite share of the diameter, 0.0001 or more",
+            DISTANCES,
+            "a share of the diameter from 0.0001 to 1,000,000",
         )?;
         share("outliers.cluster_ratio", self.cluster_ratio)
     }

@@ -360,6 +360,33 @@ fn sizes_whose_squares_single_precision_does_not_hold_are_refused() {
 }
 
 #[test]
+fn what_lies_far_from_the_part_is_not_blamed_on_a_setting_that_was_not_given() {
+    // A part, and further points in the box about it that are far away beside its size but not beside the whole scan.
+    let part = knob(5, 20_000).into_iter().map(|p| p.map(|x| 1e-3 * x));
+    let beside = knob(5, 60_000).into_iter().map(|[x, y, z]| [2.0 * x, 2.0 * y + 3.0, 2.0 * z]);
+    let strays = (0..20).map(|i| [80.0 + 0.1 * f64::from(i), 0.0, 0.0]);
+    let points: Vec<[f64; 3]> = part.chain(beside).chain(strays).collect();
+    let roi = Some([[-1.0; 3], [90.0, 1.0, 1.0]]);
+    let refused = estimate(points.clone(), Config { roi, ..cyclic(5) }).unwrap_err();
+    assert!(matches!(refused, Error::InvalidParameter { name: "points", .. }), "{refused}");
+    // One that was given is.
+    let refused = estimate(points, Config { roi, voxel_size: Some(1e-5), ..cyclic(5) }).unwrap_err();
+    assert!(matches!(refused, Error::InvalidParameter { name: "voxel_size", .. }), "{refused}");
+
+    // On a table, where what is not of the part is told from it before its size is known.
+    let standing = knob(5, 40_000).into_iter().map(|[x, y, z]| [x, y, z + 0.1]);
+    let table = (0..40_000).map(|i| [0.02 * f64::from(i % 200) - 2.0, 0.02 * f64::from(i / 200) - 2.0, 0.0]);
+    let strays = (0..50).map(|i| [0.0, 0.0, 90.0 + 0.1 * f64::from(i)]);
+    let points: Vec<[f64; 3]> = standing.chain(table).chain(strays).collect();
+    for distance in [1e-4, 1e6] {
+        let mut config = cyclic(5);
+        config.outliers.cluster_distance = distance;
+        let found = estimate(points.clone(), config);
+        assert!(!matches!(found, Err(Error::InvalidParameter { .. })), "{found:?}");
+    }
+}
+
+#[test]
 fn messages_show_no_rows_of_digits() {
     let refused = |change: fn(&mut Config)| {
         let mut config = cyclic(5);

@@ -13,7 +13,8 @@ use crate::error::{Error, Result};
 use crate::frames::principal_frame;
 use crate::picture::Picture;
 use crate::preprocess::{
-    CHUNK, ClusterParams, VoxelGrid, main_cluster, noise_along_rays, smooth_along_rays, voxel_downsample,
+    CHUNK, ClusterParams, VoxelGrid, main_cluster, noise_along_rays, smooth_along_rays, sure_cell,
+    voxel_downsample,
 };
 
 use crate::symmetry::visibility::Visibility;
@@ -223,8 +224,10 @@ impl<'a> Scene<'a> {
                 break;
             }
             let diameter = width(&self.points);
-            let distance = 0.5 * params.cluster_distance * diameter;
-            let coarse = voxel_downsample(&self.points, (0.25 * distance).max(f64::MIN_POSITIVE))?;
+            // Where strays are very far away the cells are as small as they may be: no setting is to blame.
+            let cell = (0.125 * params.cluster_distance * diameter).max(sure_cell(&self.points)?);
+            let distance = 4.0 * cell;
+            let coarse = voxel_downsample(&self.points, cell)?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
             let is_of_largest = largest_stack(&coarse.points, &clusters, normal, distance);
             let belongs =

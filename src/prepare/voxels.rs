@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::resolution::{COARSE, FINE, LAYERED, default_voxel};
 use super::scene::{Scene, enough};
 use crate::config::{Config, TrackingParams};
-use crate::error::Result;
+use crate::error::{Error, Result, shown};
 use crate::preprocess::{
     Layers, SmoothingParams, VoxelGrid, single_viewpoint, voxel_downsample, voxel_layers,
 };
@@ -42,6 +42,18 @@ impl Voxels {
             stages.flag("one_view_assumed", place.is_some());
         }
         let layered = part.is_oriented() && join_layers;
+        // A size that the caller did not choose is none to blame: the points are too far apart for it.
+        let blame = |error: Error| match error {
+            Error::InvalidParameter { .. } if config.voxel_size.is_none() => Error::InvalidParameter {
+                name: "points",
+                value: format!(
+                    "thousands of times as wide as the part, whose diameter is {}",
+                    shown(diameter)
+                ),
+                expected: "points on the part and near it; remove what lies far away, or set roi or voxel_size",
+            },
+            error => error,
+        };
         let size = match config.voxel_size {
             Some(size) => size,
             None => {
@@ -51,7 +63,7 @@ impl Voxels {
                     (false, _) => FINE,
                 };
                 let coarsening = tracking.map_or(1.0, |tracking| tracking.coarsening);
-                default_voxel(&part.points, diameter, resolution.coarser(coarsening))?
+                default_voxel(&part.points, diameter, resolution.coarser(coarsening)).map_err(blame)?
             }
         };
         let mut measured = None;
@@ -67,11 +79,11 @@ impl Voxels {
         stages.flag("smoothed_along_rays", measured.is_some());
         let grid = if layered {
             let viewpoint = |i| part.viewpoint(i).unwrap_or_default();
-            let Layers { grid, noise } = voxel_layers(&part.points, viewpoint, size)?;
+            let Layers { grid, noise } = voxel_layers(&part.points, viewpoint, size).map_err(blame)?;
             stages.number("noise", noise);
             grid
         } else {
-            voxel_downsample(&part.points, size)?
+            voxel_downsample(&part.points, size).map_err(blame)?
         };
         stages.number("voxel_size", size);
         stages.number("voxel_points", grid.points.len() as f64);

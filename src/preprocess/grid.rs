@@ -17,6 +17,13 @@ const AXIS_BITS: u32 = 21;
 /// Memory of the bitmaps of all threads that mark cells, at most, unless one alone takes more \[bytes a point\].
 const MARKING: usize = 16;
 
+/// An edge with which a grid over these points is sure to be possible \[length\].
+pub(crate) fn sure_cell(points: &[[f64; 3]]) -> Result<f64> {
+    let [lower, upper] = finite_bounds(points)?;
+    let extent = (0..3).map(|axis| upper[axis] - lower[axis]).fold(0.0, f64::max);
+    Ok((2.0 * extent / f64::from(1 << AXIS_BITS)).max(f64::MIN_POSITIVE))
+}
+
 /// A grid over the bounding box of a cloud, its origin the lower corner of the box minus half a cell.
 pub(crate) struct Grid {
     origin: [f64; 3],

@@ -43,6 +43,7 @@ use crate::error::{Error, Result};
 
 pub use cluster::{ClusterParams, Clusters, main_cluster};
 pub(crate) use disjoint_sets::DisjointSets;
+pub(crate) use grid::sure_cell;
 pub use ground::{Ground, GroundParams, find_ground};
 pub use layers::{Layers, voxel_layers};
 pub use neighbors::{KNeighbors, median_spacing};
