@@ -1,8 +1,16 @@
 //! Nearest points by lookup against a search through all points.
 
 use proptest::prelude::*;
+use sympose::config::Residual;
 use sympose::nalgebra::Vector3;
+use sympose::symmetry::axis::Axis;
+use sympose::symmetry::detect::DetectParams;
+use sympose::symmetry::order::{Order, Turns};
+use sympose::symmetry::propose::ProposeParams;
+use sympose::symmetry::refine::{Aligner, RefineParams};
+use sympose::symmetry::search::{SearchContext, search_known, search_unknown};
 use sympose::symmetry::surface::{Gate, Samples, Surface};
+use sympose::{Control, Error};
 
 const SPACING: f64 = 0.02;
 
@@ -17,6 +25,39 @@ fn tube(points: usize, bumps: f64) -> Samples {
     let points: Vec<Vector3<f64>> = (0..points).map(place).collect();
     let normals = points.iter().map(|p| Vector3::new(p.x, p.y, 0.0).normalize()).collect();
     Samples { points, normals }
+}
+
+#[test]
+fn a_surface_without_a_spacing_is_refused_and_ends() {
+    let samples = tube(500, 0.05);
+    let flat = Surface::new(samples.clone(), true, 0.0, 0.0);
+    assert_eq!(flat.len(), 500);
+    let axis = Axis::new(Vector3::z(), Vector3::zeros());
+    let (turns, params) = (Turns::half(Order::Cyclic(5), 5), RefineParams::default());
+    let residual = Residual::PointToPlane;
+    let surface = Surface::new(samples.clone(), true, SPACING, 0.5);
+    let aligner = Aligner { surface: &surface, samples: &samples, turns: &turns, residual, params: &params };
+    let control = Control::new();
+    for gates in [[0.1, 0.0], [0.1, -1.0], [f64::INFINITY, 0.1], [0.1, f64::NAN]] {
+        let align = axis.map(|axis| aligner.align(axis, gates, &control));
+        assert!(matches!(align, Some(Err(Error::InvalidParameter { name: "gates", .. }))), "{gates:?}");
+        let beside = axis.map(|axis| aligner.align_from_beside(axis, gates, &control));
+        assert!(matches!(beside, Some(Err(Error::InvalidParameter { name: "gates", .. }))), "{gates:?}");
+    }
+    let context = SearchContext {
+        diameter: 1.0,
+        hints: &[],
+        within: None,
+        visibility: None,
+        propose: &ProposeParams::default(),
+        detect: &DetectParams::default(),
+        gate: Gate::new(0.05, 0.8),
+        control: &control,
+    };
+    let known = search_known(&flat, Order::Cyclic(5), &context);
+    assert!(matches!(known, Err(Error::InvalidParameter { name: "gates", .. })));
+    let unknown = search_unknown(&flat, &context);
+    assert!(matches!(unknown, Err(Error::InvalidParameter { name: "gates", .. })));
 }
 
 proptest! {

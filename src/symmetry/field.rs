@@ -38,7 +38,8 @@ impl NearestField {
         let empty = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
         let (lower, upper) = points.iter().fold(empty, |(l, u), p| (l.inf(p), u.sup(p)));
         let cells = |cell: f64| (upper - lower).map(|x| ((x + 2.0 * reach) / cell).ceil() + 3.0);
-        let mut cell = cell.max(reach / (TILE - 1) as f64);
+        // Where both are zero it grows from the smallest number on.
+        let mut cell = cell.max(reach / (TILE - 1) as f64).max(f64::MIN_POSITIVE);
         while cells(cell).product() > MAX_CELLS {
             cell *= 1.1;
         }

@@ -15,6 +15,7 @@ use crate::symmetry::score::match_score;
 use crate::symmetry::settle::Rest;
 use crate::symmetry::solver::{Minimum, RobustProblem, minimize};
 use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::validate::positive;
 
 /// How an axis is refined.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -164,7 +165,7 @@ impl<'a> Aligner<'a> {
     /// beside the truth.
     ///
     /// # Errors
-    /// When the work is cancelled.
+    /// Those of [`Aligner::align`].
     pub fn align_from_beside(&self, start: Axis, gates: [f64; 2], control: &Control) -> Result<Refined> {
         /// Tilt of these starts \[rad\].
         const TILT: f64 = 0.02;
@@ -192,7 +193,8 @@ impl<'a> Aligner<'a> {
     /// gate halves from one to the other.
     ///
     /// # Errors
-    /// When the work is cancelled.
+    /// [`Error::InvalidParameter`](crate::Error::InvalidParameter) for a gate that is not positive and finite,
+    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded).
     pub fn align(
         &self,
         start: Axis,
@@ -200,6 +202,9 @@ impl<'a> Aligner<'a> {
         control: &Control,
     ) -> Result<Refined> {
         let Self { surface: Surface { centroid, radius, spacing, .. }, params, .. } = self;
+        // Halved any number of times, no gate comes down to zero.
+        positive("gates", first_gate)?;
+        positive("gates", last_gate)?;
         let mut axis = start.recentered(centroid);
         let (mut last_sigma, mut rounds_made) = (0.0, 0);
         // Share of an error of the axis that a round makes good, in (0, 1]; the rest is lost to the noise.
