@@ -33,6 +33,10 @@ impl Default for RadiusParams {
 ///
 /// Open3D counts the point itself and keeps more than `nb_points`, which is the same rule for the same number.
 ///
+/// The time grows with the number of points, times the number of neighbours that it takes to decide: at most `min_neighbors`
+/// and those that lie just beyond the radius. Where both are large, so that neither many points nor few are surely enough,
+/// thin the cloud first.
+///
 /// # Errors
 /// [`Error::NonFinite`](crate::Error::NonFinite); [`Error::InvalidParameter`](crate::Error::InvalidParameter) when the
 /// radius is not positive.
@@ -60,12 +64,18 @@ fn crowded_in_tree(points: &[[f64; 3]], params: &RadiusParams) -> Result<Vec<u32
     let needed = params.min_neighbors.saturating_add(1);
     let radius_sq = params.radius * params.radius;
     let is_crowded = |&point: &u32| {
-        needed <= points.len()
-            && (tree.k_nearest(&points[point as usize], needed).last())
-                .is_some_and(|n| n.distance_sq <= radius_sq)
+        let point = &points[point as usize];
+        match needed {
+            _ if needed > points.len() => false,
+            ..=FEW => tree.k_nearest(point, needed).last().is_some_and(|n| n.distance_sq <= radius_sq),
+            _ => tree.within(point, params.radius).len() >= needed,
+        }
     };
     Ok((0..points.len() as u32).into_par_iter().with_min_len(CHUNK).filter(is_crowded).collect())
 }
+
+/// Neighbours up to which the nearest are asked for; more are counted by the radius, which may hold far fewer.
+const FEW: usize = 64;
 
 /// Points that are looked at before the question is whether they are enough.
 const CHECKED: usize = 32;
@@ -73,7 +83,10 @@ const CHECKED: usize = 32;
 /// The points of these slots that have enough neighbours.
 fn crowded(cells: &CellList, slots: Range<usize>, params: &RadiusParams) -> Vec<u32> {
     let radius_sq = params.radius * params.radius;
+    // The point finds itself, so one neighbour more than asked for is needed.
+    let needed = params.min_neighbors.saturating_add(1);
     let mut around: Vec<Range<usize>> = Vec::new();
+    let mut available = 0;
     let mut cell = None;
     let enough = |&slot: &usize| {
         let p = &cells.points[slot];
@@ -81,19 +94,29 @@ fn crowded(cells: &CellList, slots: Range<usize>, params: &RadiusParams) -> Vec<
         if mem::replace(&mut cell, own) != own {
             around.clear();
             around.extend(cells.around(p));
+            available = around.iter().map(Range::len).sum();
         }
+        // Once more than this many are too far away, what is left cannot be enough.
+        let Some(mut spare) = available.checked_sub(needed) else { return false };
         let is_near = |q: &[f64; 3]| {
             let [x, y, z] = [q[0] - p[0], q[1] - p[1], q[2] - p[2]];
             x * x + y * y + z * z <= radius_sq
         };
-        // The point finds itself, so one neighbour more than asked for is needed. A few points at a time: fewer branches
-        // to mispredict.
-        let mut chunks = around.iter().flat_map(|slots| cells.points[slots.clone()].chunks(CHECKED));
-        let mut count = 0;
-        chunks.any(|chunk| {
-            count += chunk.iter().filter(|q| is_near(q)).count();
-            count > params.min_neighbors
-        })
+        // A few points at a time: fewer branches to mispredict.
+        let mut missing = needed;
+        for chunk in around.iter().flat_map(|slots| cells.points[slots.clone()].chunks(CHECKED)) {
+            let near = chunk.iter().filter(|q| is_near(q)).count();
+            if near >= missing {
+                return true;
+            }
+            let far = chunk.len() - near;
+            if far > spare {
+                return false;
+            }
+            missing -= near;
+            spare -= far;
+        }
+        false
     };
     slots.filter(enough).map(|slot| cells.members[slot]).collect()
 }
