@@ -8,8 +8,9 @@ use proptest::prelude::*;
 use scenes::{Random, distance_sq, with_threads};
 use sympose::Error;
 use sympose::preprocess::{
-    ClusterParams, KNeighbors, RadiusParams, StatisticalParams, main_cluster, median_spacing,
-    remove_radius_outliers, remove_statistical_outliers, statistical_inliers, voxel_downsample,
+    ClusterParams, KNeighbors, NormalParams, RadiusParams, StatisticalParams, main_cluster, median_spacing,
+    normals_from_neighbors, remove_radius_outliers, remove_statistical_outliers, statistical_inliers,
+    voxel_downsample,
 };
 use sympose::spatial::KdTree;
 
@@ -58,7 +59,7 @@ proptest! {
     }
 
     #[test]
-    fn radius_filter_counts_the_others(points in clouds(), radius in prop_oneof![Just(0.25), 0.01..1.0], least in 0_usize..9) {
+    fn radius_filter_counts_the_others(points in clouds(), radius in prop_oneof![Just(0.25), 0.01..1.0], least in prop_oneof![0_usize..9, 0_usize..200]) {
         let kept = remove_radius_outliers(&points, &RadiusParams { radius, min_neighbors: least }).unwrap();
         let others = |i: usize| (0..points.len()).filter(|&j| j != i && distance_sq(&points[i], &points[j]) <= radius * radius).count();
         let expected: Vec<u32> = (0..points.len()).filter(|&i| others(i) >= least).map(|i| i as u32).collect();
@@ -228,6 +229,43 @@ fn neighbours_serve_several_filters() {
         );
     }
     assert!(statistical_inliers(&neighbors, &StatisticalParams { k: 21, std_ratio: 1.0 }).is_err());
+}
+
+#[test]
+fn neighbours_among_other_points_are_refused() {
+    let [points, others] = [4, 5].map(|seed| Random(seed).sphere(300));
+    let more: Vec<[f64; 3]> = points.iter().chain(&others).copied().collect();
+    let among_more = KNeighbors::of_queries(&KdTree::new(&more).unwrap(), &more, &points, 20).unwrap();
+    let params = NormalParams { k: 20, max_radius: None };
+    let mismatch = |e| matches!(e, Error::LengthMismatch { expected: 300, got: 600, .. });
+    assert!(normals_from_neighbors(&points, &among_more, &params).is_err_and(mismatch));
+    let of_more = KNeighbors::new(&KdTree::new(&more).unwrap(), &more, 20).unwrap();
+    assert!(normals_from_neighbors(&points, &of_more, &params).is_err_and(mismatch));
+    // Distances are all that counts here, whatever they lead to.
+    assert!(statistical_inliers(&among_more, &StatisticalParams::default()).is_ok());
+}
+
+#[test]
+fn a_crowd_within_one_radius_takes_no_square_of_its_points() {
+    let points = Random(6).sphere(200_000);
+    for (radius, min_neighbors) in [(10.0, 200_000), (10.0, usize::MAX), (1.5, 199_999)] {
+        let kept = remove_radius_outliers(&points, &RadiusParams { radius, min_neighbors }).unwrap();
+        assert!(kept.is_empty());
+    }
+}
+
+#[test]
+fn many_neighbours_are_counted_where_a_stray_lies_far_away() {
+    let mut points = Random(7).sphere(2000);
+    points.push([1e12, 0.0, 0.0]);
+    let radius = 0.5;
+    let others = |p: &[f64; 3]| points.iter().filter(|q| distance_sq(p, q) <= radius * radius).count() - 1;
+    for least in [3, 63, 64, 100, 130, 2000, 2001] {
+        let expected: Vec<u32> =
+            (0..points.len()).filter(|&i| others(&points[i]) >= least).map(|i| i as u32).collect();
+        let kept = remove_radius_outliers(&points, &RadiusParams { radius, min_neighbors: least }).unwrap();
+        assert_eq!(kept, expected);
+    }
 }
 
 #[test]

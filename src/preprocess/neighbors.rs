@@ -16,6 +16,8 @@ const SPACING_SAMPLE: usize = 2000;
 #[derive(Debug, Clone, PartialEq)]
 pub struct KNeighbors {
     k: usize,
+    /// Number of points that they were searched among.
+    among: usize,
     /// For each query its row below.
     slots: Vec<u32>,
     indices: Vec<u32>,
@@ -42,7 +44,7 @@ impl KNeighbors {
     }
 
     fn found(search: &Search) -> Self {
-        let (k, slots) = (search.k, search.slots());
+        let (k, among, slots) = (search.k, search.points.len(), search.slots());
         let mut indices = vec![0; slots.len() * k];
         let mut distances_sq = vec![0.0; slots.len() * k];
         indices.par_chunks_mut(CHUNK * k).zip(distances_sq.par_chunks_mut(CHUNK * k)).enumerate().for_each(
@@ -58,13 +60,18 @@ impl KNeighbors {
                 });
             },
         );
-        Self { k, slots, indices, distances_sq }
+        Self { k, among, slots, indices, distances_sq }
     }
 
     /// Neighbours of each query.
     #[must_use]
     pub fn k(&self) -> usize {
         self.k
+    }
+
+    /// Number of points that the neighbours were searched among, beyond which no index of one lies.
+    pub(super) fn among(&self) -> usize {
+        self.among
     }
 
     /// Number of queries.

@@ -78,19 +78,18 @@ pub fn estimate_normals(points: &[[f64; 3]], tree: &KdTree, params: &NormalParam
 /// [`estimate_normals`] with neighbours that are known already; of more than `k`, the first `k` are used.
 ///
 /// # Errors
-/// Those of [`estimate_normals`].
+/// [`Error::InvalidParameter`] when `k` is less than 3 or the radius is not positive, [`Error::LengthMismatch`] unless the
+/// neighbours are those of so many points among so many.
 pub fn normals_from_neighbors(
     points: &[[f64; 3]],
     neighbors: &KNeighbors,
     params: &NormalParams,
 ) -> Result<Normals> {
     let reach_sq = check(params)?;
-    if neighbors.len() != points.len() {
-        return Err(Error::LengthMismatch {
-            what: "neighbours",
-            expected: points.len(),
-            got: neighbors.len(),
-        });
+    for (what, got) in [("neighbours", neighbors.len()), ("the cloud of the neighbours", neighbors.among())] {
+        if got != points.len() {
+            return Err(Error::LengthMismatch { what, expected: points.len(), got });
+        }
     }
     let plane = |point| {
         let (indices, distances_sq) = neighbors.of(point);

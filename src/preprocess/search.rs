@@ -26,7 +26,7 @@ const GENEROUS: f64 = 1.3;
 /// The neighbours of which queries are to be found, and how.
 pub(super) struct Search<'a> {
     tree: &'a KdTree,
-    points: &'a [[f64; 3]],
+    pub(super) points: &'a [[f64; 3]],
     queries: &'a [[f64; 3]],
     pub(super) k: usize,
     nearest_first: bool,
