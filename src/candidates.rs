@@ -31,8 +31,9 @@ const START_STEPS: f64 = 512.0;
 /// Points on which the axis is aligned before all are used.
 const COARSE: usize = 4000;
 
-/// Distance of a match when the order is found, and its distance off the plane: it is beside a point that the gaps between
-/// the points count [point spacings].
+/// How far a rotated point may be from a measured one and still match it when the order is found, and how far from the plane
+/// of that one. The first is wider: along the surface a point may fall into the gap between two measured ones, off the surface
+/// it may not [point spacings].
 const DETECTION_GATE: [f64; 2] = [1.9, 1.1];
 
 /// The same where no viewpoint is known and the points of a surface lie in several layers.

@@ -25,7 +25,7 @@ pub struct Viewpoints {
 }
 
 impl Viewpoints {
-    /// Those of points with a row each, or the single row of all of them.
+    /// Takes one row for each point, or a single row that holds for all points.
     #[must_use]
     pub fn of_rows(rows: &[[f64; 3]]) -> Self {
         if let [one] = rows {

@@ -29,8 +29,8 @@ const ENCLOSED: f64 = 0.002;
 /// How far beyond that box [gaps between clusters].
 const REACH: f64 = 3.0;
 
-/// Points in a voxel, on average, below which many voxels of the surface have none where several views fall at random on one
-/// another; those of one view lie in even rows.
+/// Mean number of points in a voxel below which, with several views, many voxels of the surface are empty: how the points of
+/// different views fall together is chance. Those of a single view lie in even rows and leave few voxels empty.
 const SPARSE: f64 = 1.6;
 
 /// What was found while voxels were told from strays.

@@ -59,9 +59,9 @@ pub(super) fn default_voxel(points: &[[f64; 3]], diameter: f64, resolution: Reso
     const FINEST: f64 = 0.5;
     /// Least size \[spacings of the points\].
     const SPARSEST: f64 = 1.2;
-    /// A spacing that is known from this many points is known well enough.
+    /// Points from which the spacing is known well enough.
     const LOOKED_AT: usize = 200_000;
-    /// Whether it is surely small enough, from fewer.
+    /// Points of a quicker look before that: where most of these have another one near enough, the spacing need not be known.
     const GLANCED_AT: usize = 50_000;
     let every = |step: usize| -> Vec<[f64; 3]> { points.iter().step_by(step).copied().collect() };
     let step = points.len().div_ceil(LOOKED_AT);

@@ -1,8 +1,9 @@
 //! The order where no viewpoint is known, so that hidden surface looks like missing surface.
 //!
-//! The share of points that match themselves falls with everything that nobody saw. At a symmetry that share is the one of the
-//! surface that was seen at both places, v; at the angles beside it, of the same overlap, structured points miss, and it is
-//! v (1 - c). Their ratio knows nothing of v: an order is where the matches stand out from those around.
+//! A rotated point can match only where somebody saw the surface that it comes to lie on. Let v be the share of points for which
+//! this is so. At an angle of the symmetry all of these match: their share is v. At angles a little beside it v is about the
+//! same, but the share c of points with structure around them miss: what is left is v (1 - c). How much larger the first is than
+//! the second does not depend on v, so that an order shows where the matches stand out from those at the angles around.
 
 use crate::symmetry::detect::{DetectParams, rival};
 use crate::symmetry::sweep::{Sweep, fraction, gcd};

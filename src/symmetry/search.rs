@@ -68,7 +68,7 @@ impl SearchContext<'_> {
         match_score(surface, &surface.samples.strided(JUDGED), axis, &turns, self.gate, sight)
     }
 
-    /// Whether an axis need not be asked since one so near to it was.
+    /// Whether two axes are so near each other that the order of one is that of the other.
     fn is_same(&self, known: &Axis, other: &Axis) -> bool {
         known.angle_to(other) < 0.02 && known.distance(&other.point) < 0.01 * self.diameter
     }
@@ -90,7 +90,7 @@ pub struct Found {
 /// Axes under a known order, best first.
 ///
 /// # Errors
-/// When the work is cancelled.
+/// Those of [`propose`].
 pub fn search_known(surface: &Surface, order: Order, context: &SearchContext<'_>) -> Result<Vec<Found>> {
     let mut proposals = propose_under(surface, order, context)?;
     if order == Order::Continuous && context.propose.search {
@@ -119,7 +119,7 @@ fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &S
 /// A dihedral part has two-fold axes across its main one that match as well; the largest group tells them apart.
 ///
 /// # Errors
-/// When the work is cancelled.
+/// Those of [`propose`].
 pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<Vec<Found>> {
     let quick = DetectParams {
         max_order: context.detect.max_order.min(24),

@@ -1,7 +1,8 @@
 //! The points' part of the joint optimisation: each point comes to rest between its own measurement and the points that
 //! its rotated copies meet, the axis being known. All of them stand for the mean surface around them where it is known.
 //!
-//! Along the axis of the whole problem nothing couples the points, so each is solved where its matches are found.
+//! Once the axis is fixed, and the points that are met stay where they were measured, no equation holds two of the unknown
+//! points: each is solved on its own, as soon as its matches are found.
 
 use nalgebra::{Const, DimMin, Matrix3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
