@@ -209,8 +209,9 @@ impl PointCloud {
         self.input_len - self.points.len() - self.far - self.coinciding
     }
 
-    /// Number of input points that were left out because they are hundreds of times as far away as the others: a number
-    /// that stands for no return, or a wild one. They would take all resolution from the rest.
+    /// Number of input points that were left out because some coordinate lies farther from the median than a hundred
+    /// interquartile ranges, of the coordinate that is spread most: a number that stands for no return, or a wild one. They would
+    /// take all resolution from the rest.
     #[must_use]
     pub fn far(&self) -> usize {
         self.far

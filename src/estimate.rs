@@ -79,8 +79,10 @@ impl Estimator {
     /// Finds the pose of the part in `cloud`.
     ///
     /// # Errors
-    /// [`Error::InsufficientData`] or [`Error::Degenerate`] when the cloud cannot hold a part,
-    /// [`Error::NoSymmetry`] when no axis explains it.
+    /// [`Error::InsufficientData`] or [`Error::Degenerate`] when the cloud cannot hold a part, [`Error::NoSymmetry`] when no axis
+    /// explains it; [`Error::InvalidParameter`] when the voxels that are set, or those of a part that is tiny beside the cloud,
+    /// are too small for its extent; [`Error::NonFinite`] when points were dropped and [`Config::non_finite`] forbids it;
+    /// [`Error::ThreadPool`] when the threads that are set cannot be started.
     pub fn estimate(&self, cloud: &PointCloud) -> Result<Estimate> {
         self.estimate_with(cloud, &Request::default())
     }
@@ -254,7 +256,10 @@ impl Estimator {
     /// What the caller should know about the cloud, whatever was found in it.
     fn warnings(&self, cloud: &PointCloud, prepared: &Prepared) -> Vec<String> {
         let far = (cloud.far() > 0).then(|| {
-            format!("far points left out, a hundred times as far away as the scan is wide: {}", cloud.far())
+            format!(
+                "far points left out, a hundred interquartile ranges or more from the middle: {}",
+                cloud.far()
+            )
         });
         let coinciding = (cloud.coinciding() > 0).then(|| {
             format!(

@@ -14,6 +14,17 @@ use crate::symmetry::axis::Axis;
 /// `points` are in the object frame, poses are `world_from_object`. Reference: Xiang et al., PoseCNN (2018); equation
 /// (8) of Dai et al. (arXiv 2606.16593).
 ///
+/// ```
+/// use sympose::metrics::adds;
+/// use sympose::nalgebra::Isometry3;
+/// // Two points that a half turn about z exchanges: which of both is which does not count.
+/// let points = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]];
+/// let turned = Isometry3::rotation([0.0, 0.0, std::f64::consts::PI].into());
+/// assert!(adds(&points, &turned, &Isometry3::identity())? < 1e-12);
+/// assert_eq!(adds(&points, &Isometry3::translation(0.0, 0.0, 0.1), &Isometry3::identity())?, 0.1);
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
 /// Those of [`KdTree::new`] for the points; [`Error::InvalidParameter`] for a pose that is not finite.
 pub fn adds(points: &[[f64; 3]], estimated: &Isometry3<f64>, truth: &Isometry3<f64>) -> Result<f64> {
@@ -41,9 +52,19 @@ pub fn adds(points: &[[f64; 3]], estimated: &Isometry3<f64>, truth: &Isometry3<f
 /// `symmetries` are motions in the object frame that leave the part unchanged; the identity is always among them.
 /// Reference: Hodan et al., BOP Challenge 2020.
 ///
+/// ```
+/// use sympose::metrics::mssd;
+/// use sympose::nalgebra::Isometry3;
+/// let points = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]];
+/// let turned = Isometry3::rotation([0.0, 0.0, std::f64::consts::PI].into());
+/// assert_eq!(mssd(&points, &turned, &Isometry3::identity(), &[])?, 2.0);
+/// assert!(mssd(&points, &turned, &Isometry3::identity(), &[turned])? < 1e-12);
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
-/// [`Error::InsufficientData`] without points, [`Error::NonFinite`] for points and [`Error::InvalidParameter`] for poses that
-/// are not finite.
+/// [`Error::InsufficientData`] without points, [`Error::NonFinite`] for points and [`Error::InvalidParameter`] for poses or
+/// symmetries that are not finite.
 pub fn mssd(
     points: &[[f64; 3]],
     estimated: &Isometry3<f64>,

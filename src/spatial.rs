@@ -61,7 +61,8 @@ impl KdTree {
     /// Builds the tree.
     ///
     /// # Errors
-    /// [`Error::InsufficientData`] for an empty slice, [`Error::NonFinite`] when a coordinate is NaN or infinite.
+    /// [`Error::InsufficientData`] for an empty slice, [`Error::NonFinite`] when a coordinate is NaN or infinite,
+    /// [`Error::InvalidParameter`] for more than 2^32 - 1 points.
     pub fn new(points: &[[f64; 3]]) -> Result<Self> {
         if points.is_empty() {
             return Err(Error::InsufficientData {

@@ -62,8 +62,9 @@ def estimate(
     Args:
         scene: (N, 3) points in any unit, the path of a file that `read` knows, a `Scene`, or anything with
             `.points` or `.vertices` (Open3D, PyVista, trimesh), with `.normals` where an Open3D cloud has
-            them. NaN points are left out, and those at a place that many share, as zeros
-            where a sensor got no return.
+            them. NaN points are left out, those at a place that many share, as zeros where a sensor got no
+            return, and those of which a coordinate lies farther from the median than a hundred interquartile
+            ranges, of the coordinate that is spread most.
         order: Order of the symmetry, a whole number of at least 2, or "continuous" for a surface of
             revolution. None: found.
         viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and

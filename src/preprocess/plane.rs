@@ -63,9 +63,20 @@ pub struct Plane {
 /// to their inliers by total least squares and counted on all points. The same seed gives the same plane at any number
 /// of threads.
 ///
+/// ```
+/// use sympose::preprocess::{PlaneParams, segment_plane};
+/// let mut points: Vec<[f64; 3]> = (0..400).map(|i| [f64::from(i % 20), f64::from(i / 20), 2.0]).collect();
+/// points.push([3.0, 4.0, 9.0]);
+/// let plane = segment_plane(&points, &PlaneParams { distance: 0.1, ..PlaneParams::default() })?;
+/// assert_eq!(plane.inliers.len(), 400);
+/// assert!(plane.coefficients[2] > 0.999 && (plane.coefficients[3] + 2.0).abs() < 1e-6);
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
-/// [`Error::InvalidParameter`], [`Error::NonFinite`]; [`Error::InsufficientData`] for fewer than 3 points,
-/// [`Error::Degenerate`] when all points lie on a line or coincide.
+/// [`Error::InvalidParameter`] when `distance` is not positive, `probability` lies outside (0, 1] or `max_iterations` is 0;
+/// [`Error::NonFinite`]; [`Error::InsufficientData`] for fewer than 3 points, [`Error::Degenerate`] when all points lie on a
+/// line or coincide.
 pub fn segment_plane(points: &[[f64; 3]], params: &PlaneParams) -> Result<Plane> {
     check(points, params)?;
     let mut random = ChaCha8Rng::seed_from_u64(params.seed);

@@ -41,6 +41,30 @@ pub(crate) const ORIENTED: &str = "oriented_normals";
 /// A taught part: its completed surface, in the object frame of the estimate that it was taught from.
 ///
 /// Serialising keeps one sector, since the others are its copies.
+///
+/// ```
+/// use std::sync::Arc;
+/// use sympose::{Config, Estimator, Order, PointCloud, Reference, Request};
+///
+/// // A dish with five waves; the next scan shows it elsewhere.
+/// let dish: Vec<[f64; 3]> = (0..5000)
+///     .map(|i| {
+///         let (radius, angle) = (0.5 * (f64::from(i) / 5000.0).sqrt(), 2.399_963 * f64::from(i));
+///         [radius * angle.cos(), radius * angle.sin(), 0.1 * radius * (5.0 * angle).cos()]
+///     })
+///     .collect();
+/// let moved: Vec<[f64; 3]> = dish.iter().map(|[x, y, z]| [x + 2.0, *y, *z]).collect();
+/// let above = |points, x| PointCloud::from_points(points)?.with_viewpoints([[x, 0.0, 3.0]]);
+///
+/// let estimator = Estimator::new(Config { order: Order::Cyclic(5), ..Config::default() })?;
+/// let taught = estimator.estimate(&above(dish, 0.0)?)?;
+/// let reference = Some(Arc::new(Reference::from_estimate(&taught)?));
+/// let request = Request { reference, ..Request::default() };
+/// let found = estimator.estimate_with(&above(moved, 2.0)?, &request)?;
+/// let shift = found.world_from_object.translation.vector - taught.world_from_object.translation.vector;
+/// assert!((shift.x - 2.0).abs() < 0.01 && shift.yz().norm() < 0.01);
+/// # Ok::<(), sympose::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Reference {
     sector: Sector,
@@ -71,7 +95,9 @@ impl Reference {
     /// against them.
     ///
     /// # Errors
-    /// [`Error::InsufficientData`] when the estimate was stored without its points.
+    /// [`Error::InsufficientData`] when the estimate was stored without its points, [`Error::NonFinite`] when some of them are
+    /// not finite, [`Error::InvalidParameter`] when they are no surface to be taught, say because
+    /// most of them coincide, or because the order is open.
     pub fn from_estimate(estimate: &Estimate) -> Result<Self> {
         let found = estimate.points.len().min(estimate.normals.len());
         if found < MIN_POINTS {

@@ -119,7 +119,7 @@ impl Reference {
     /// Finds the pose of a scan in the taught frame.
     ///
     /// # Errors
-    /// When the work is cancelled.
+    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded).
     pub(crate) fn register(&self, scan: &PartScan, control: &Control) -> Result<Registered> {
         // A search over a part of another size would take as much longer as that is larger.
         if let Some(reason) = self.difference(scan) {

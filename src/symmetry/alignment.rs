@@ -66,8 +66,12 @@ pub struct Unknowns {
     pub offsets: Vec<Vector3<f64>>,
 }
 
-/// Equation of the paper for fixed matches: sum over points i and rotations k of
-/// rho(|c + R_k (p_i + t_i - c) - p'_ik|), plus |t_i|^2 / 2 that holds each point at its own measurement.
+/// The equation of the paper for fixed matches: the sum over points i and rotations k of w_k rho(r_ik), plus for each point
+/// anchor |t_i|^2 / 2, which holds it at its own measurement.
+///
+/// r_ik is the distance of the rotated point c + R_k (p_i + t_i - c) from its match p'_ik, as `residual` measures it: all of it,
+/// or its part along a normal. c is the point of the axis, t_i the displacement of point i, w_k the weight of rotation k, and
+/// rho the robust loss. Points without a match under a rotation add nothing.
 ///
 /// The matches p' are *measured* points, never refined ones: averages of averages would shrink thin blades.
 pub struct SelfAlignment<'a> {

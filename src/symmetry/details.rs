@@ -42,7 +42,7 @@ const EXPECTED: f64 = 12.0;
 /// The details that contradict a group `order` which holds otherwise.
 ///
 /// # Errors
-/// When the work is cancelled.
+/// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded).
 pub(crate) fn contradicting_details(
     turning: &Turning<'_>,
     order: Order,

@@ -147,7 +147,7 @@ fn structured_samples(sweep: &Sweep, count: usize, threshold: f64) -> Vec<usize>
 /// Finds the order of a surface about an axis.
 ///
 /// # Errors
-/// When the work is cancelled.
+/// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded).
 pub(crate) fn detect_order(turning: &Turning<'_>, params: &DetectParams) -> Result<Detection> {
     let survey = Survey::new(turning, params)?;
     if survey.structured_share() < params.continuous {

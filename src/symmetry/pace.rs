@@ -23,7 +23,7 @@ const PROBE: f64 = 0.1;
 /// a share of an error shows in the residuals, along the blade of a propeller less than across it.
 ///
 /// # Errors
-/// When a step fails.
+/// Those of [`minimize`](crate::symmetry::solver::minimize), which takes the step of each round.
 pub fn matching_pace(
     surface: &Surface,
     axis: &Axis,

@@ -113,7 +113,8 @@ pub(crate) fn is_admitted(
 /// Axes of `surface` under the rotations `turns`, best first.
 ///
 /// # Errors
-/// When the work is cancelled.
+/// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded);
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) where the spacing of the surface is not positive and finite.
 pub fn propose(surface: &Surface, turns: &Turns, context: &SearchContext<'_>) -> Result<Vec<Proposal>> {
     let &SearchContext { diameter, hints, within, propose: params, .. } = context;
     let centroid = surface.centroid;

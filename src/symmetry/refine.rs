@@ -252,7 +252,8 @@ impl<'a> Aligner<'a> {
     /// gathered.
     ///
     /// # Errors
-    /// When the work is cancelled.
+    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded), and those of
+    /// [`minimize`].
     pub fn refine_jointly(&self, aligned: &Refined, joint: bool, control: &Control) -> Result<Refined> {
         control.check()?;
         let gate = self.last_gate();

@@ -49,7 +49,8 @@ impl SelfAlignment<'_> {
     /// J'WJ of the axis with the points held fixed, and the scatter of J'Wr over patches of the surface: the meat of the
     /// sandwich, which holds whatever correlates neighbouring residuals (White 1980; Liang and Zeger 1986).
     ///
-    /// A residual carries the noise of two points and counts in the patches of both, half of it in each.
+    /// A residual carries the noise of two points, so that its gradient is added to the patch of either, in full each time:
+    /// residuals that have a point in common share a patch, whichever end of them it is.
     #[must_use]
     pub fn sandwich(&self, axis: &Axis) -> Sandwich {
         let count = self.samples.points.len();

@@ -36,13 +36,15 @@ pub trait RobustProblem {
     /// Sums the normal equations at `param`.
     ///
     /// # Errors
-    /// When the work is cancelled.
+    /// Whatever the problem itself reports, which ends the minimisation; a [`SelfAlignment`] always succeeds.
+    ///
+    /// [`SelfAlignment`]: crate::symmetry::alignment::SelfAlignment
     fn linearize(&self, param: &Self::Param) -> Result<NormalEquations>;
 
     /// The robust cost at `param`.
     ///
     /// # Errors
-    /// When the work is cancelled.
+    /// Those of [`RobustProblem::linearize`].
     fn cost(&self, param: &Self::Param) -> Result<f64>;
 
     /// Moves `param` by `step`, and with it the unknowns that were eliminated when it was linearised there.
@@ -132,7 +134,7 @@ pub struct Minimum<P> {
 /// Minimises `problem` from `start` in at most `max_iterations` accepted steps.
 ///
 /// # Errors
-/// Those of the problem.
+/// Those of the problem, as they are; [`Error::InvalidParameter`] should the solver library fail by itself.
 pub fn minimize<O: RobustProblem>(
     problem: &O,
     start: O::Param,
