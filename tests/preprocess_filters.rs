@@ -59,7 +59,11 @@ proptest! {
     }
 
     #[test]
-    fn radius_filter_counts_the_others(points in clouds(), radius in prop_oneof![Just(0.25), 0.01..1.0], least in prop_oneof![0_usize..9, 0_usize..200]) {
+    fn radius_filter_counts_the_others(
+        points in clouds(),
+        radius in prop_oneof![Just(0.25), 0.01..1.0],
+        least in prop_oneof![0_usize..9, 0_usize..200],
+    ) {
         let kept = remove_radius_outliers(&points, &RadiusParams { radius, min_neighbors: least }).unwrap();
         let others = |i: usize| (0..points.len()).filter(|&j| j != i && distance_sq(&points[i], &points[j]) <= radius * radius).count();
         let expected: Vec<u32> = (0..points.len()).filter(|&i| others(i) >= least).map(|i| i as u32).collect();

@@ -42,6 +42,16 @@ pub struct Clusters {
 /// to `distance` apart are always joined, two points more than `2 sqrt(3) distance` apart never directly; in between
 /// it depends on the grid.
 ///
+/// ```
+/// use sympose::preprocess::{ClusterParams, main_cluster};
+/// let row = |at: f64, count: u32| (0..count).map(move |i| [at + 0.1 * f64::from(i), 0.0, 0.0]);
+/// let points: Vec<[f64; 3]> = row(0.0, 3).chain(row(100.0, 20)).collect();
+/// let clusters = main_cluster(&points, &ClusterParams { distance: 1.0, keep_ratio: 0.5 })?;
+/// assert_eq!(clusters.sizes, [20, 3]);
+/// assert_eq!(clusters.kept, (3..23).collect::<Vec<u32>>());
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::NonFinite`]; [`Error::InvalidParameter`] when `distance` is not positive or too small for the extent (see
 /// [`voxel_downsample`](super::voxel_downsample)), or `keep_ratio` lies outside [0, 1].

@@ -87,6 +87,23 @@ const NEAR: f64 = 0.3;
 ///
 /// `viewpoint_of` gives for a point the position it was seen from, where known; `seed` is that of the samples.
 ///
+/// ```
+/// use sympose::config::GroundMode;
+/// use sympose::preprocess::{GroundParams, find_ground};
+/// // A block in the middle of a table.
+/// let grid = |count: u32, step: f64, z: f64| {
+///     (0..count * count).map(move |i| {
+///         let place = |i: u32| step * (f64::from(i) - 0.5 * f64::from(count - 1));
+///         [place(i % count), place(i / count), z]
+///     })
+/// };
+/// let block = (0..10).flat_map(|i| grid(11, 0.1, 0.1 * f64::from(i)));
+/// let points: Vec<[f64; 3]> = block.chain(grid(61, 0.1, 0.0)).collect();
+/// let ground = find_ground(&points, |_| None, &GroundParams::default(), GroundMode::On, 0)?;
+/// assert!(ground.is_some_and(|ground| ground.plane[2] > 0.99 && ground.kept.len() >= 9 * 121));
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::NonFinite`](crate::Error::NonFinite). A cloud too small or too degenerate to hold a plane has no ground.
 pub fn find_ground(

@@ -13,6 +13,15 @@ use crate::spatial::KdTree;
 const SPACING_SAMPLE: usize = 2000;
 
 /// The `k` nearest neighbours of every point or query, nearest first, ties by index; a point is its own neighbour.
+///
+/// ```
+/// use sympose::preprocess::KNeighbors;
+/// use sympose::spatial::KdTree;
+/// let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]];
+/// let neighbors = KNeighbors::new(&KdTree::new(&points)?, &points, 2)?;
+/// assert_eq!(neighbors.of(2), (&[2, 1][..], &[0.0, 4.0][..]));
+/// # Ok::<(), sympose::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct KNeighbors {
     k: usize,
@@ -119,6 +128,14 @@ pub(crate) fn map_neighbors<T: Copy + Send + Sync>(
 /// Median distance of a point to its nearest neighbour \[length\], over up to 2000 points taken at even steps.
 ///
 /// Exact duplicates are not neighbours. 0 when all points coincide.
+///
+/// ```
+/// use sympose::preprocess::median_spacing;
+/// use sympose::spatial::KdTree;
+/// let points: Vec<[f64; 3]> = (0..100).map(|i| [0.5 * f64::from(i), 0.0, 0.0]).collect();
+/// assert_eq!(median_spacing(&KdTree::new(&points)?, &points), 0.5);
+/// # Ok::<(), sympose::Error>(())
+/// ```
 #[must_use]
 pub fn median_spacing(tree: &KdTree, points: &[[f64; 3]]) -> f64 {
     let step = points.len().div_ceil(SPACING_SAMPLE).max(1);

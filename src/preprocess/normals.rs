@@ -64,6 +64,15 @@ impl FromIterator<Plane> for Normals {
 ///
 /// Where neighbours lie on a line or coincide, the normal is some unit vector normal to the line: never zero or NaN.
 ///
+/// ```
+/// use sympose::preprocess::{NormalParams, estimate_normals};
+/// use sympose::spatial::KdTree;
+/// let points: Vec<[f64; 3]> = (0..400).map(|i| [f64::from(i % 20), f64::from(i / 20), 0.0]).collect();
+/// let found = estimate_normals(&points, &KdTree::new(&points)?, &NormalParams::default())?;
+/// assert!(found.normals.iter().all(|n| n[2].abs() > 0.999));
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::InvalidParameter`] when `k` is less than 3 or the radius is not positive, [`Error::NonFinite`],
 /// [`Error::LengthMismatch`] when the tree holds another number of points.
@@ -76,6 +85,16 @@ pub fn estimate_normals(points: &[[f64; 3]], tree: &KdTree, params: &NormalParam
 }
 
 /// [`estimate_normals`] with neighbours that are known already; of more than `k`, the first `k` are used.
+///
+/// ```
+/// use sympose::preprocess::{KNeighbors, NormalParams, normals_from_neighbors};
+/// use sympose::spatial::KdTree;
+/// let points: Vec<[f64; 3]> = (0..400).map(|i| [f64::from(i % 20), f64::from(i / 20), 0.0]).collect();
+/// let neighbors = KNeighbors::new(&KdTree::new(&points)?, &points, 20)?;
+/// let found = normals_from_neighbors(&points, &neighbors, &NormalParams { k: 12, max_radius: None })?;
+/// assert!(found.surface_variation.iter().all(|variation| *variation < 1e-9));
+/// # Ok::<(), sympose::Error>(())
+/// ```
 ///
 /// # Errors
 /// [`Error::InvalidParameter`] when `k` is less than 3 or the radius is not positive, [`Error::LengthMismatch`] unless the
@@ -177,6 +196,13 @@ fn local_plane(offsets: impl Iterator<Item = [f64; 3]>) -> Plane {
 }
 
 /// Flips normals toward the sensor: `viewpoint_of` gives for a point the position it was seen from, where known.
+///
+/// ```
+/// use sympose::preprocess::orient_normals;
+/// let mut normals = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]];
+/// orient_normals(&mut normals, &[[0.0; 3], [1.0, 0.0, 0.0]], |_| Some([0.0, 0.0, 5.0]));
+/// assert_eq!(normals, [[0.0, 0.0, 1.0]; 2]);
+/// ```
 pub fn orient_normals(
     normals: &mut [[f64; 3]],
     points: &[[f64; 3]],

@@ -37,6 +37,14 @@ impl Default for RadiusParams {
 /// and those that lie just beyond the radius. Where both are large, so that neither many points nor few are surely enough,
 /// thin the cloud first.
 ///
+/// ```
+/// use sympose::preprocess::{RadiusParams, remove_radius_outliers};
+/// let points = [[0.0; 3], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [5.0, 0.0, 0.0]];
+/// let kept = remove_radius_outliers(&points, &RadiusParams { radius: 0.25, min_neighbors: 2 })?;
+/// assert_eq!(kept, [0, 1, 2]);
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::NonFinite`](crate::Error::NonFinite); [`Error::InvalidParameter`](crate::Error::InvalidParameter) when the
 /// radius is not positive.

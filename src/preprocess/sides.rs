@@ -62,6 +62,22 @@ impl Sum {
 ///
 /// `normals` are those of the voxels, of any sign, `neighbors` the neighbours of each voxel; `viewpoint_of` gives for
 /// each of `points` the position it was seen from.
+///
+/// ```
+/// use sympose::preprocess::{KNeighbors, NormalParams, normals_from_neighbors, separate_sides, voxel_downsample};
+/// use sympose::spatial::KdTree;
+/// // A plate thinner than a voxel, each face seen from its own side.
+/// let points: Vec<[f64; 3]> = (0..800)
+///     .map(|i| [0.5 * f64::from(i / 2 % 20), 0.5 * f64::from(i / 40), 0.1 * f64::from(i % 2)])
+///     .collect();
+/// let viewpoint = |i: usize| [5.0, 5.0, if i % 2 == 0 { -50.0 } else { 50.0 }];
+/// let grid = voxel_downsample(&points, 1.0)?;
+/// let neighbors = KNeighbors::new(&KdTree::new(&grid.points)?, &grid.points, 12)?;
+/// let planes = normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k: 12, max_radius: None })?;
+/// let sides = separate_sides(&points, viewpoint, &grid, &planes.normals, &neighbors);
+/// assert_eq!(sides.points.len(), 2 * grid.points.len());
+/// # Ok::<(), sympose::Error>(())
+/// ```
 #[must_use]
 pub fn separate_sides(
     points: &[[f64; 3]],

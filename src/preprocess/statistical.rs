@@ -33,6 +33,15 @@ impl Default for StatisticalParams {
 /// comparison is strict. Two cases differ, since nothing says that those points are outliers: a point whose
 /// neighbours all coincide with it (mean distance 0) is kept, and so are all points when every mean is the same.
 ///
+/// ```
+/// use sympose::preprocess::{StatisticalParams, remove_statistical_outliers};
+/// let mut points: Vec<[f64; 3]> = (0..100).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+/// points.push([50.0, 30.0, 0.0]);
+/// let kept = remove_statistical_outliers(&points, &StatisticalParams { k: 5, std_ratio: 3.0 })?;
+/// assert_eq!(kept, (0..100).collect::<Vec<u32>>());
+/// # Ok::<(), sympose::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::NonFinite`](crate::Error::NonFinite), or [`Error::InvalidParameter`](crate::Error::InvalidParameter) when
 /// `k` is 0 or `std_ratio` is not positive.
@@ -48,6 +57,16 @@ pub fn remove_statistical_outliers(points: &[[f64; 3]], params: &StatisticalPara
 }
 
 /// [`remove_statistical_outliers`] with neighbours that are known already; of more than `k`, the first `k` are used.
+///
+/// ```
+/// use sympose::preprocess::{KNeighbors, StatisticalParams, remove_statistical_outliers, statistical_inliers};
+/// use sympose::spatial::KdTree;
+/// let points: Vec<[f64; 3]> = (0..100).map(|i| [f64::from(i * i), 0.0, 0.0]).collect();
+/// let neighbors = KNeighbors::new(&KdTree::new(&points)?, &points, 8)?;
+/// let params = StatisticalParams { k: 5, std_ratio: 1.0 };
+/// assert_eq!(statistical_inliers(&neighbors, &params)?, remove_statistical_outliers(&points, &params)?);
+/// # Ok::<(), sympose::Error>(())
+/// ```
 ///
 /// # Errors
 /// [`Error::InvalidParameter`](crate::Error::InvalidParameter) when `k` is 0 or more than there are, or `std_ratio` is
