@@ -8,7 +8,7 @@ use crate::error::{Error, Evidence, Result};
 use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
-use crate::remarks::{Remarks, closer_part_holds, lost_returns, remarks};
+use crate::remarks::{LIKE_PIECES, Remarks, closer_part_holds, lost_returns, remarks};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
@@ -16,6 +16,7 @@ use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::pace::matching_pace;
+use crate::symmetry::pieces::exchanges_pieces;
 use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
@@ -127,6 +128,11 @@ impl Estimator {
             }
         }
         let (_, mut settled) = best.ok_or_else(|| self.no_symmetry(prepared, refusal))?;
+        let Settled { refined: Refined { axis, .. }, order, .. } = &settled;
+        if exchanges_pieces(surface, axis, *order, self.final_gate(surface))? {
+            settled.ambiguous = true;
+            settled.warnings.push(LIKE_PIECES.to_owned());
+        }
         settled.warnings.extend(self.closer(prepared, &settled));
         Ok(settled)
     }

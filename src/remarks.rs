@@ -9,7 +9,7 @@ use crate::symmetry::details::Details;
 use crate::symmetry::detect::Detection;
 use crate::symmetry::order::Order;
 use crate::symmetry::score::MatchScore;
-use crate::symmetry::search::{Found, group_size};
+use crate::symmetry::search::{EQUALLY_GOOD_SEVERAL, Found, group_size};
 use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::Spread;
 
@@ -46,7 +46,7 @@ pub(crate) fn remarks(
     let details = details(detection).filter(|_| fine.is_none());
     let faint = (is_open && detection.faint).then(|| FAINT.to_owned());
     let ambiguity = aside.or(half).or(revolves).or(rival).or(faint).or(fine);
-    let likeness = Likeness::sought(declared, one_view || prepared.one_view());
+    let likeness = Likeness::sought(declared, one_view || prepared.one_view(), visibility.is_some());
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
     let ambiguity = ambiguity.or_else(|| beyond_sight(&prepared.surface, score));
@@ -69,6 +69,10 @@ const UNSEEN: &str = "the order was found without viewpoints, where hidden surfa
 /// Remark on an order that might be another one, or none.
 const FAINT: &str = "ambiguous: hardly anything in sight tells this order from others, or from none: declare it, or add a \
                      view";
+
+/// Remark on a group that exchanges pieces of the surface.
+pub(crate) const LIKE_PIECES: &str = "ambiguous: each turn takes a piece of the scan to another one, and nothing joins them: \
+                                      where they are several like parts, set roi to one of them";
 
 /// Says so when an order of two was found where little could contradict it: half of a part, as `one_view` shows it, seldom
 /// contradicts a half turn about some axis, and nothing does where it is `unknown` what was seen.
@@ -261,7 +265,7 @@ struct Likeness {
 }
 
 impl Likeness {
-    fn sought(declared: Order, one_view: bool) -> Self {
+    fn sought(declared: Order, one_view: bool, is_seen: bool) -> Self {
         const AS_WELL: f64 = 0.95;
         /// A wall seen from the side turns as well about its own edges. In 46 views of the faces of parts of an order above
         /// two no other axis came nearer than 0.72.
@@ -270,6 +274,7 @@ impl Likeness {
         const HIDING: f64 = 0.6;
         let [of_equals, of_larger] = match declared {
             Order::Auto if one_view => [AS_WELL, HIDING],
+            Order::Auto if is_seen => [AS_WELL, EQUALLY_GOOD_SEVERAL],
             Order::Cyclic(_) if one_view => [DECLARED; 2],
             _ => [AS_WELL; 2],
         };

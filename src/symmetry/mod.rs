@@ -15,6 +15,7 @@ pub mod order;
 pub mod orient;
 pub mod pace;
 pub(crate) mod peaks;
+pub(crate) mod pieces;
 pub mod propose;
 pub mod refine;
 pub mod residual;

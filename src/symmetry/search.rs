@@ -33,6 +33,10 @@ const SEVERAL_VIEWS_TURNS: usize = 3;
 /// An axis is as good as the best one when its score reaches this share of it.
 const EQUALLY_GOOD: f64 = 0.85;
 
+/// The same where several views show the part: turns of a larger group take more of it out of sight, on a table above all,
+/// and with little in sight that contradicts them a larger group found by chance is rare.
+pub(crate) const EQUALLY_GOOD_SEVERAL: f64 = 0.72;
+
 /// The same where no viewpoint is known, so that hidden surface counts as missing.
 const EQUALLY_GOOD_UNSEEN: f64 = 0.6;
 
@@ -160,7 +164,11 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     consider(&mut found, surface, main, &thorough, &context)?;
     let best =
         found.iter().filter(|f| f.order.is_some()).map(|f| f.proposal.score.value()).fold(0.0, f64::max);
-    let equally_good = if context.visibility.is_some() { EQUALLY_GOOD } else { EQUALLY_GOOD_UNSEEN };
+    let equally_good = match context.visibility {
+        _ if several => EQUALLY_GOOD_SEVERAL,
+        Some(_) => EQUALLY_GOOD,
+        None => EQUALLY_GOOD_UNSEEN,
+    };
     let rank = |f: &Found| {
         let good = f.order.is_some() && f.proposal.score.value() >= equally_good * best;
         let group = if good { f.order.map_or(0, group_size) } else { 0 };

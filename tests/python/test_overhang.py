@@ -60,3 +60,27 @@ def test_clutter_beside_the_part_is_no_part_of_it() -> None:
     share, others = kept(found, on_table)
     assert share > 0.9
     assert others < 200
+
+
+def lying_tube(sides: int, wall: float) -> Part:
+    """A tube of regular section with one side on the table, its axis the first one of the part."""
+    prism = manifold3d.Manifold.cylinder
+    tube = prism(0.85, 0.22, 0.22, sides, True) - prism(1.0, 0.22 - wall, 0.22 - wall, sides, True)
+    return solid_part(tube.rotate([0.0, 0.0, 180.0 / sides]).rotate([0.0, 90.0, 0.0]), sides)
+
+
+@pytest.mark.parametrize(("sides", "views"), [(4, 3), (4, 5), (6, 3), (6, 5)])
+def test_a_tube_that_lies_on_a_table_has_the_order_of_its_section(sides: int, views: int) -> None:
+    """Seen from above, half a turn across it meets nothing that speaks against it either."""
+    on_table = scan(lying_tube(sides, 0.03), "table", views=views, seed=1)
+    found = sympose.estimate(on_table.scene)
+    assert found.order == sides
+    assert abs(found.axis @ on_table.world_from_object[:3, 0]) > np.cos(np.radians(1.0))
+
+
+@pytest.mark.parametrize("views", [3, 5])
+def test_half_a_turn_across_a_tube_is_ambiguous_where_its_section_could_not_be_settled(views: int) -> None:
+    """Of a thin square tube two sides are in sight, which hardly say how far the axis is from their edge."""
+    on_table = scan(lying_tube(4, 0.02), "table", views=views, seed=1)
+    found = sympose.estimate(on_table.scene)
+    assert found.order == 4 or found.score < 0.5

@@ -1,0 +1,35 @@
+"""Several like parts in one scan."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+import sympose
+from sympose import datasets
+from sympose.datasets import Part, scan
+
+
+def two_of(name: str, gap: float) -> Part:
+    """Two parts beside each other, `gap` apart."""
+    part = datasets.part(name)
+    aside = np.cross(part.axis, [1.0, 0.0, 0.3])
+    aside /= np.linalg.norm(aside)
+    other = part.mesh.copy()
+    other.apply_translation(aside * (np.ptp(part.mesh.vertices @ aside) + gap))
+    both = trimesh.util.concatenate([part.mesh, other])
+    return Part("two", part.family, part.order, both, part.axis, part.center)
+
+
+@pytest.mark.parametrize("views", [2, 5])
+@pytest.mark.parametrize("gap", [0.1, 0.4])
+def test_an_axis_between_two_like_parts_is_ambiguous(views: int, gap: float) -> None:
+    beside = scan(two_of("propeller_2", gap), "sphere", views=views, seed=1)
+    found = sympose.estimate(np.asarray(beside.scene.points), viewpoints=beside.scene.viewpoints)
+    assert found.order == 2
+    assert found.score < 0.5
+    assert any("set roi" in warning for warning in found.warnings)
+    # One of them alone is no such case.
+    alone = scan(datasets.part("propeller_2"), "sphere", views=views, seed=1)
+    assert not any("set roi" in warning for warning in sympose.estimate(alone.scene).warnings)
