@@ -1,5 +1,7 @@
 //! What can go wrong, with the values that say why and what to do about it.
 
+use std::fmt::{Display, LowerExp};
+
 /// The result of every fallible function of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -96,9 +98,11 @@ pub enum Error {
 }
 
 /// A rejected number as a message shows it: no row of hundreds of digits where it is huge or tiny.
-pub(crate) fn shown(number: f64) -> String {
-    let plain = number == 0.0 || !number.is_finite() || (1e-4..1e16).contains(&number.abs());
-    if plain { number.to_string() } else { format!("{number:e}") }
+pub(crate) fn shown<T: Display + LowerExp>(number: T) -> String {
+    /// Digits that any count has.
+    const PLAIN: usize = 20;
+    let plain = number.to_string();
+    if plain.len() > PLAIN { format!("{number:e}") } else { plain }
 }
 
 /// What is wrong with these points: where none is left, to remove them is no advice.

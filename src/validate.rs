@@ -1,6 +1,6 @@
 //! What every setting of a [`Config`] may be.
 
-use std::fmt::Display;
+use std::fmt::{Display, LowerExp};
 use std::ops::{RangeBounds, RangeInclusive};
 
 use crate::config::{Config, OutlierParams, SEEDS, TrackingParams};
@@ -97,7 +97,7 @@ impl OutlierParams {
         positive("outliers.std_ratio", self.std_ratio)?;
         positive_or_off("outliers.scattered", self.scattered)?;
         positive_or_off("outliers.off_surface", self.off_surface)?;
-        real_within(
+        within(
             "outliers.cluster_distance",
             self.cluster_distance,
             DISTANCES,
@@ -178,31 +178,14 @@ impl RefineParams {
 impl TrackingParams {
     fn validate(&self) -> Result<()> {
         at_least_one("tracking.points", self.points)?;
-        real_within(
-            "tracking.coarsening",
-            self.coarsening,
-            1.0..f64::INFINITY,
-            "a finite factor of at least 1",
-        )
+        within("tracking.coarsening", self.coarsening, 1.0..f64::INFINITY, "a finite factor of at least 1")
     }
 }
 
-fn within<T: PartialOrd + Display>(
+fn within<T: PartialOrd + Display + LowerExp>(
     name: &'static str,
     value: T,
     domain: impl RangeBounds<T>,
-    expected: &'static str,
-) -> Result<()> {
-    if domain.contains(&value) {
-        return Ok(());
-    }
-    Err(Error::InvalidParameter { name, value: value.to_string(), expected })
-}
-
-fn real_within(
-    name: &'static str,
-    value: f64,
-    domain: impl RangeBounds<f64>,
     expected: &'static str,
 ) -> Result<()> {
     if domain.contains(&value) {
@@ -220,19 +203,19 @@ fn repeats(name: &'static str, count: usize) -> Result<()> {
 }
 
 fn share(name: &'static str, value: f64) -> Result<()> {
-    real_within(name, value, 0.0..=1.0, "a share from 0 to 1")
+    within(name, value, 0.0..=1.0, "a share from 0 to 1")
 }
 
 fn not_negative(name: &'static str, value: f64) -> Result<()> {
-    real_within(name, value, 0.0..f64::INFINITY, "a finite number, zero or more")
+    within(name, value, 0.0..f64::INFINITY, "a finite number, zero or more")
 }
 
 pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
-    real_within(name, value, f64::MIN_POSITIVE..f64::INFINITY, "a positive, finite number")
+    within(name, value, f64::MIN_POSITIVE..f64::INFINITY, "a positive, finite number")
 }
 
 fn angle(name: &'static str, value: f64) -> Result<()> {
-    real_within(name, value, f64::MIN_POSITIVE..=std::f64::consts::PI, "a positive angle up to pi [rad]")
+    within(name, value, f64::MIN_POSITIVE..=std::f64::consts::PI, "a positive angle up to pi [rad]")
 }
 
 fn positive_or_off(name: &'static str, limit: Option<f64>) -> Result<()> {
