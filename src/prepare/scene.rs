@@ -215,9 +215,9 @@ impl<'a> Scene<'a> {
         self.cloud.pictures().iter().map(local).collect()
     }
 
-    /// The largest thing that stands on a support of this `normal`, without what else stands there: pieces far apart beside
+    /// The largest thing that stands on the support `plane`, without what else stands there: pieces far apart beside
     /// the size of that thing itself, which is found by looking again at what the last look has left.
-    pub(super) fn isolated(mut self, normal: Vector3<f64>, params: &OutlierParams) -> Result<Self> {
+    pub(super) fn isolated(mut self, plane: [f64; 4], params: &OutlierParams) -> Result<Self> {
         const LOOKS: usize = 4;
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
@@ -229,7 +229,7 @@ impl<'a> Scene<'a> {
             let distance = 4.0 * cell;
             let coarse = voxel_downsample(&self.points, cell)?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
-            let is_of_largest = largest_stack(&coarse.points, &clusters, normal, distance);
+            let is_of_largest = largest_stack(&coarse.points, &clusters, plane, distance);
             let belongs =
                 |i: &u32| is_of_largest[clusters.labels[coarse.inverse[*i as usize] as usize] as usize];
             let kept: Vec<u32> = (0..self.points.len() as u32).filter(belongs).collect();

@@ -13,22 +13,33 @@ const PIECE: f64 = 0.01;
 /// How much of the smaller of two footprints the larger one must cover, for one piece to stand over the other.
 const COVERED: f64 = 0.6;
 
-/// Which of the `clusters` of `points` make up the largest thing on a support with this `normal`: pieces over one another are
-/// one thing. `cell` is the edge of the cells in which footprints are compared \[length\].
+/// Of eight directions from the cells of a footprint, the share in which another one lies, for this to go all round it.
+const SURROUNDED: f64 = 0.85;
+
+/// Which of the `clusters` of `points` make up the largest thing on the support `plane`: pieces over one another are one thing,
+/// and so is a piece that does not reach down to the support with one that goes all round it, as spokes with their rim. `cell` is
+/// the edge of the cells in which footprints are compared \[length\].
 pub(super) fn largest_stack(
     points: &[[f64; 3]],
     clusters: &Clusters,
-    normal: Vector3<f64>,
+    plane: [f64; 4],
     cell: f64,
 ) -> Vec<bool> {
     let Clusters { labels, sizes, .. } = clusters;
     let mut is_of_largest: Vec<bool> = (0..sizes.len()).map(|label| label == 0).collect();
-    let Some(axis) = Axis::new(normal, Vector3::zeros()) else { return is_of_largest };
+    let [x, y, z, offset] = plane;
+    let Some(axis) = Axis::new(Vector3::new(x, y, z), Vector3::zeros()) else { return is_of_largest };
     let pieces = sizes.iter().take_while(|&&size| size as f64 >= PIECE * sizes[0] as f64).count();
     let [u, v] = axis.tangents();
     let place = |p: &[f64; 3]| [u, v].map(|along| (along.dot(&Vector3::from(*p)) / cell).floor() as i64);
+    let mut lowest = vec![f64::INFINITY; sizes.len()];
+    for (p, &label) in points.iter().zip(labels) {
+        let height = axis.direction.dot(&Vector3::from(*p)) + offset;
+        lowest[label as usize] = lowest[label as usize].min(height);
+    }
+    let hovers: Vec<bool> = lowest.iter().take(pieces).map(|&height| height > cell).collect();
     let footprints = points.iter().map(place).zip(labels.iter().copied());
-    let stack_of = stacks(footprints.filter(|(_, label)| (*label as usize) < pieces).collect(), pieces);
+    let stack_of = stacks(footprints.filter(|(_, label)| (*label as usize) < pieces).collect(), &hovers);
     let mut size_of_stack = vec![0; pieces];
     stack_of.iter().zip(sizes).for_each(|(&stack, size)| size_of_stack[stack as usize] += size);
     // Of equal ones the first.
@@ -39,8 +50,9 @@ pub(super) fn largest_stack(
     is_of_largest
 }
 
-/// For each of so many `pieces` the first of those that it stands over or under, by the cells of their footprints.
-fn stacks(mut footprints: Vec<([i64; 2], u32)>, pieces: usize) -> Vec<u32> {
+/// For each piece the first of those that it stands over or under, or `hovers` amid, by the cells of their footprints.
+fn stacks(mut footprints: Vec<([i64; 2], u32)>, hovers: &[bool]) -> Vec<u32> {
+    let pieces = hovers.len();
     footprints.sort_unstable();
     footprints.dedup();
     let mut areas = vec![0_u32; pieces];
@@ -59,7 +71,47 @@ fn stacks(mut footprints: Vec<([i64; 2], u32)>, pieces: usize) -> Vec<u32> {
             joined.join(a, b);
         }
     }
+    let rows: Vec<Rows> = (0..pieces as u32).map(|piece| Rows::new(&footprints, piece)).collect();
+    for inner in (0..pieces).filter(|&piece| hovers[piece]) {
+        let cells = || footprints.iter().filter(|(_, piece)| *piece as usize == inner).map(|(cell, _)| *cell);
+        for outer in (0..pieces).filter(|&outer| outer != inner && areas[outer] > areas[inner]) {
+            let met: usize = cells().map(|cell| rows[outer].directions(cell)).sum();
+            if met as f64 >= SURROUNDED * 8.0 * f64::from(areas[inner]) {
+                joined.join(inner as u32, outer as u32);
+            }
+        }
+    }
     (0..pieces as u32).map(|piece| joined.least(piece)).collect()
+}
+
+/// How far a footprint reaches along rows of cells: across, along and both diagonals.
+struct Rows(BTreeMap<(usize, i64), [i64; 2]>);
+
+impl Rows {
+    fn new(footprints: &[([i64; 2], u32)], piece: u32) -> Self {
+        let mut reach: BTreeMap<(usize, i64), [i64; 2]> = BTreeMap::new();
+        for (cell, _) in footprints.iter().filter(|(_, of)| *of == piece) {
+            for (kind, (row, at)) in Self::through(*cell).into_iter().enumerate() {
+                let [first, last] = reach.entry((kind, row)).or_insert([at, at]);
+                (*first, *last) = (at.min(*first), at.max(*last));
+            }
+        }
+        Self(reach)
+    }
+
+    /// The rows through a cell, and its place in each. Diagonals are two cells wide, so that none slips through another.
+    fn through([x, y]: [i64; 2]) -> [(i64, i64); 4] {
+        [(y, x), (x, y), ((x + y).div_euclid(2), x - y), ((x - y).div_euclid(2), x + y)]
+    }
+
+    /// In how many of eight directions from a cell the footprint lies.
+    fn directions(&self, cell: [i64; 2]) -> usize {
+        let met = |(kind, (row, at)): (usize, (i64, i64))| match self.0.get(&(kind, row)) {
+            Some([first, last]) => usize::from(*first < at) + usize::from(*last > at),
+            None => 0,
+        };
+        Self::through(cell).into_iter().enumerate().map(met).sum()
+    }
 }
 
 #[cfg(test)]
@@ -75,6 +127,22 @@ mod tests {
     fn pieces_over_one_another_are_one_stack() {
         // A disc, a stem under it, a thing beside it that is partly under its rim, and what lies on that thing.
         let footprints = row(0..10, 0).chain(row(4..6, 1)).chain(row(8..14, 2)).chain(row(11..13, 3));
-        assert_eq!(stacks(footprints.collect(), 4), [0, 0, 2, 2]);
+        assert_eq!(stacks(footprints.collect(), &[false; 4]), [0, 0, 2, 2]);
+    }
+
+    #[test]
+    fn a_piece_that_hovers_amid_a_ring_is_of_it() {
+        let disc = |radius: i64, piece: u32| {
+            let cells = move |x: i64| (-radius..=radius).map(move |y| [x, y]);
+            let within = move |[x, y]: &[i64; 2]| x * x + y * y <= radius * radius;
+            (-radius..=radius).flat_map(cells).filter(within).map(move |cell| (cell, piece))
+        };
+        let ring = || disc(10, 0).filter(|([x, y], _)| x * x + y * y > 64);
+        let inside = || ring().chain(disc(4, 1)).collect::<Vec<_>>();
+        assert_eq!(stacks(inside(), &[false, true]), [0, 0]);
+        assert_eq!(stacks(inside(), &[false, false]), [0, 1]);
+        // A third of the ring is missing.
+        let open = ring().filter(|([x, y], _)| *x < y.abs() / 2).chain(disc(4, 1));
+        assert_eq!(stacks(open.collect(), &[false, true]), [0, 1]);
     }
 }

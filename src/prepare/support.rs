@@ -1,7 +1,5 @@
 //! The part, cut out of the scene: the plane that it stands on is found, and what else stands there is left out.
 
-use nalgebra::Vector3;
-
 use super::scene::{Scene, enough};
 use crate::config::{ClusterMode, Config};
 use crate::error::Result;
@@ -31,7 +29,7 @@ pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages
     let region = Some(scene.rows.clone());
     let scene = scene.select(&kept);
     let scene = match config.cluster {
-        ClusterMode::Main => scene.isolated(Vector3::new(plane[0], plane[1], plane[2]), &config.outliers)?,
+        ClusterMode::Main => scene.isolated(plane, &config.outliers)?,
         ClusterMode::Off => scene,
     };
     Ok(Part { scene, ground: Some(plane), region })

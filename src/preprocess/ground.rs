@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::cluster::{ClusterParams, main_cluster};
+use super::fields::Fields;
 use super::outline::{Flat, Outline, distance, enclosing_middle};
 use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
 use super::{CHUNK, check_finite};
@@ -77,6 +78,9 @@ const MOSTLY: f64 = 0.8;
 /// Height at which what stands on a plane begins, at most [radii of the outline].
 const CONTACT: f64 = 0.1;
 
+/// The same where its foot is out of sight, as under a flange [radii of the outline of what stands there].
+const OVERHANG: f64 = 0.5;
+
 /// Margin about the outline, and depth below it, within which nothing else may be [radii of the outline].
 const NEAR: f64 = 0.3;
 
@@ -120,8 +124,10 @@ pub fn find_ground(
     let chosen = even_sample(points.len(), LOOKED_AT, seed);
     let sample: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i]).collect();
     let sensors: Vec<Option<[f64; 3]>> = chosen.iter().map(|&i| viewpoint_of(i)).collect();
-    let scene = SeenPoints { points: &sample, sensors: &sensors };
+    let fields = Fields::new(&sample, &sensors);
+    let scene = SeenPoints { points: &sample, sensors: &sensors, fields: &fields };
     let mut remaining = sample.clone();
+    let mut found = None;
     for round in 0..params.max_planes {
         let Some((plane, band)) = dominant_plane(&remaining, params, seed.wrapping_add(round as u64)) else {
             break;
@@ -133,26 +139,23 @@ pub fn find_ground(
         }
         // Each plane is judged against everything else, other planes included.
         let Some(support) = scene.support(plane, band, params, mode) else { continue };
-        let Some(plane) = support.plane.refitted(points, band) else { continue };
-        let plane = if plane.normal.dot(&support.plane.normal) < 0.0 { plane.flipped() } else { plane };
-        let Support { outline, axes, .. } = &support;
-        let margin = NEAR * outline.radius();
-        let over = |p: &[f64; 3]| plane.distance(p) > band && outline.contains(axes.flat(p), margin);
-        let kept: Vec<u32> = (0_u32..).zip(points).filter(|(_, p)| over(p)).map(|(i, _)| i).collect();
-        return Ok(Some(Ground {
-            plane: plane.coefficients(),
-            removed: points.len() - kept.len(),
-            kept,
-            reason: support.reason,
-        }));
+        // A foot in sight tells more than the size of the plane.
+        let is_touched = support.is_touched;
+        if is_touched || found.is_none() {
+            found = Some((support, band));
+        }
+        if is_touched {
+            break;
+        }
     }
-    Ok(None)
+    Ok(found.and_then(|(support, band)| support.cut(points, band)))
 }
 
 /// Points and the positions that they were seen from.
 struct SeenPoints<'a> {
     points: &'a [[f64; 3]],
     sensors: &'a [Option<[f64; 3]>],
+    fields: &'a Fields,
 }
 
 /// A plane that passed as a support.
@@ -161,7 +164,27 @@ struct Support {
     plane: HalfSpace,
     axes: PlaneAxes,
     outline: Outline,
+    /// Whether something reaches down to it; otherwise its foot is out of sight.
+    is_touched: bool,
     reason: String,
+}
+
+impl Support {
+    /// Removes the plane, `band` to either side of it, from `points`.
+    fn cut(self, points: &[[f64; 3]], band: f64) -> Option<Ground> {
+        let plane = self.plane.refitted(points, band)?;
+        let plane = if plane.normal.dot(&self.plane.normal) < 0.0 { plane.flipped() } else { plane };
+        let margin = NEAR * self.outline.radius();
+        let over =
+            |p: &[f64; 3]| plane.distance(p) > band && self.outline.contains(self.axes.flat(p), margin);
+        let kept: Vec<u32> = (0_u32..).zip(points).filter(|(_, p)| over(p)).map(|(i, _)| i).collect();
+        Some(Ground {
+            plane: plane.coefficients(),
+            removed: points.len() - kept.len(),
+            kept,
+            reason: self.reason,
+        })
+    }
 }
 
 /// Two directions that span a plane.
@@ -203,11 +226,16 @@ impl SeenPoints<'_> {
             .collect();
         let plane = self.toward_the_rest(plane, &on, &near)?;
         let signed = |i: usize| plane.distance(&self.points[i]);
-        let over =
-            |i: &usize| signed(*i) > 0.0 && outline.contains(axes.flat(&self.points[*i]), MARGIN * radius);
-        let above: Vec<usize> = near.iter().copied().filter(over).collect();
+        let over = |i: usize| outline.contains(axes.flat(&self.points[i]), MARGIN * radius);
+        // Where no sensor looked the plane may go on.
+        let foot = |i: usize| Vector3::from(self.points[i]) - signed(i) * plane.normal;
+        let (above, beside): (Vec<usize>, Vec<usize>) = near
+            .par_iter()
+            .copied()
+            .filter(|&i| signed(i) > 0.0)
+            .partition(|&i| over(i) || !self.fields.show(&foot(i)));
         let below = near.iter().filter(|&&i| (-NEAR * radius..0.0).contains(&signed(i))).count();
-        let beside = near.iter().filter(|&&i| signed(i) > 0.0).count() - above.len();
+        let beside = beside.len();
         if (above.len() as f64) < MOSTLY * (above.len() + beside) as f64 {
             return None;
         }
@@ -218,11 +246,14 @@ impl SeenPoints<'_> {
         // A wall has a room before it, but what is there does not touch it.
         let mut heights: Vec<f64> = above.iter().map(|&i| signed(i)).collect();
         let lowest = heights.len() / 100;
-        if *heights.select_nth_unstable_by(lowest, f64::total_cmp).1 > CONTACT * radius {
+        let gap = *heights.select_nth_unstable_by(lowest, f64::total_cmp).1;
+        let is_touched = gap <= CONTACT * radius;
+        let things = flat(&above);
+        let is_over_all = above.len() as f64 >= params.one_sided * (above.len() + beside) as f64;
+        if !is_touched && (gap > OVERHANG * Outline::new(&things)?.radius() || !is_over_all) {
             return None;
         }
         let seen = on.iter().any(|&i| self.sensors[i].is_some());
-        let things = flat(&above);
         let reach = outline.reach_of(&things);
         let hull = outline.hull_reach();
         // Blades leave most of their hull empty, a table fills it but for shadows and what stands on it.
@@ -243,7 +274,7 @@ impl SeenPoints<'_> {
             100.0 * share,
             100.0 * free
         );
-        Some(Support { plane, axes, outline, reason })
+        Some(Support { plane, axes, outline, is_touched, reason })
     }
 
     /// For each direction of an outline whether it leads away from all sensors that saw the points `on` it: a thing in its middle

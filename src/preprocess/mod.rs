@@ -17,6 +17,7 @@ mod cells;
 mod cluster;
 mod disjoint_sets;
 mod eigen;
+mod fields;
 mod grid;
 mod ground;
 mod layers;
