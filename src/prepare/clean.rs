@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::resolution::sparseness;
 use super::scene::{Scene, enough};
+use super::stacks::PIECE;
 use super::voxels::Voxels;
 use crate::config::{ClusterMode, Config, OutlierParams};
 use crate::error::Result;
@@ -86,7 +87,13 @@ pub(super) fn clean(
     let on_surface = on_surfaces(&neighbors, &planes, oriented, *voxel_size, &params)?;
     let visibility = part.sight(region, grid, &on_surface);
     stages.check()?;
-    let kept = of_part(&grid.points, on_surface, visibility.as_ref(), *voxel_size, diameter, config)?;
+    // What stands apart on a support is left out already.
+    let cluster_ratio = match region {
+        Some(_) => config.outliers.cluster_ratio.min(PIECE),
+        None => config.outliers.cluster_ratio,
+    };
+    let visible = visibility.as_ref();
+    let kept = of_part(&grid.points, on_surface, visible, *voxel_size, diameter, cluster_ratio, config)?;
     stages.number("surface_points", kept.len() as f64);
     enough("outliers", kept.len())?;
     let sparseness = sparseness(&neighbors, *voxel_size);
@@ -142,6 +149,7 @@ fn of_part(
     visibility: Option<&Visibility>,
     voxel_size: f64,
     diameter: f64,
+    cluster_ratio: f64,
     config: &Config,
 ) -> Result<Vec<u32>> {
     let params = &config.outliers;
@@ -157,7 +165,7 @@ fn of_part(
     }
     let rows: Vec<[f64; 3]> = kept.iter().map(|&i| points[i as usize]).collect();
     let distance = (params.cluster_distance * diameter).max(3.0 * voxel_size);
-    let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: params.cluster_ratio })?;
+    let clusters = main_cluster(&rows, &ClusterParams { distance, keep_ratio: cluster_ratio })?;
     let reach = REACH * distance;
     // A face deep inside, seen through an opening, is a small piece of its own, within or just beside the box of the rest.
     let (lower, upper) = bounds(rows.iter().zip(&clusters.labels).filter(|(_, l)| **l == 0).map(|(p, _)| p));

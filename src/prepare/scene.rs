@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use rayon::prelude::*;
 
 use super::resolution::width;
-use super::stacks::largest_stack;
+use super::stacks::{Floor, largest_stack};
 use crate::cloud::PointCloud;
 use crate::config::{Config, OutlierParams};
 use crate::error::{Error, Result};
@@ -215,10 +215,12 @@ impl<'a> Scene<'a> {
         self.cloud.pictures().iter().map(local).collect()
     }
 
-    /// The largest thing that stands on the support `plane`, without what else stands there: pieces far apart beside
+    /// The largest thing that stands on a `floor`, without what else stands there: pieces far apart beside
     /// the size of that thing itself, which is found by looking again at what the last look has left.
-    pub(super) fn isolated(mut self, plane: [f64; 4], params: &OutlierParams) -> Result<Self> {
+    pub(super) fn isolated(mut self, floor: &Floor, params: &OutlierParams) -> Result<Self> {
         const LOOKS: usize = 4;
+        /// How far a piece in the air may be from what it holds to [diameters].
+        const ATTACHED: f64 = 0.4;
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
                 break;
@@ -229,7 +231,8 @@ impl<'a> Scene<'a> {
             let distance = 4.0 * cell;
             let coarse = voxel_downsample(&self.points, cell)?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
-            let is_of_largest = largest_stack(&coarse.points, &clusters, plane, distance);
+            let is_of_largest =
+                largest_stack(&coarse.points, &clusters, floor, distance, ATTACHED * diameter);
             let belongs =
                 |i: &u32| is_of_largest[clusters.labels[coarse.inverse[*i as usize] as usize] as usize];
             let kept: Vec<u32> = (0..self.points.len() as u32).filter(belongs).collect();

@@ -1,14 +1,16 @@
 //! Pieces of one thing: what hangs over a gap that no camera saw into is cut off from what stands below it.
 
-use std::collections::BTreeMap;
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
 use crate::preprocess::{Clusters, DisjointSets};
+use crate::spatial::KdTree;
 use crate::symmetry::axis::Axis;
 
 /// Pieces that are looked at, at least so large [the largest piece].
-const PIECE: f64 = 0.01;
+pub(super) const PIECE: f64 = 0.01;
 
 /// How much of the smaller of two footprints the larger one must cover, for one piece to stand over the other.
 const COVERED: f64 = 0.6;
@@ -16,30 +18,63 @@ const COVERED: f64 = 0.6;
 /// Of eight directions from the cells of a footprint, the share in which another one lies, for this to go all round it.
 const SURROUNDED: f64 = 0.85;
 
-/// Which of the `clusters` of `points` make up the largest thing on the support `plane`: pieces over one another are one thing,
-/// and so is a piece that does not reach down to the support with one that goes all round it, as spokes with their rim. `cell` is
-/// the edge of the cells in which footprints are compared \[length\].
+/// Of the cells of a footprint the share in which the support is seen, for nothing to stand there.
+const BARE: f64 = 0.5;
+
+/// What pieces stand on.
+pub(super) struct Floor {
+    pub(super) plane: [f64; 4],
+    /// Points of the scene that are no candidates for the part: among them those on the plane.
+    pub(super) points: Vec<[f64; 3]>,
+}
+
+/// Which of the `clusters` of `points` make up the largest thing on a `floor`: pieces over one another are one thing, and so is
+/// a piece that does not reach down to the floor with one that goes all round it, as spokes with their rim, or, if nothing can be
+/// below it, with what is nearest within `reach`, as a handle with its cup. `cell` is the edge of the cells in which footprints
+/// are compared \[length\].
 pub(super) fn largest_stack(
     points: &[[f64; 3]],
     clusters: &Clusters,
-    plane: [f64; 4],
+    floor: &Floor,
     cell: f64,
+    reach: f64,
 ) -> Vec<bool> {
     let Clusters { labels, sizes, .. } = clusters;
     let mut is_of_largest: Vec<bool> = (0..sizes.len()).map(|label| label == 0).collect();
-    let [x, y, z, offset] = plane;
+    let [x, y, z, offset] = floor.plane;
     let Some(axis) = Axis::new(Vector3::new(x, y, z), Vector3::zeros()) else { return is_of_largest };
     let pieces = sizes.iter().take_while(|&&size| size as f64 >= PIECE * sizes[0] as f64).count();
     let [u, v] = axis.tangents();
     let place = |p: &[f64; 3]| [u, v].map(|along| (along.dot(&Vector3::from(*p)) / cell).floor() as i64);
     let mut lowest = vec![f64::INFINITY; sizes.len()];
+    let height = |p: &[f64; 3]| axis.direction.dot(&Vector3::from(*p)) + offset;
     for (p, &label) in points.iter().zip(labels) {
-        let height = axis.direction.dot(&Vector3::from(*p)) + offset;
-        lowest[label as usize] = lowest[label as usize].min(height);
+        lowest[label as usize] = lowest[label as usize].min(height(p));
     }
     let hovers: Vec<bool> = lowest.iter().take(pieces).map(|&height| height > cell).collect();
-    let footprints = points.iter().map(place).zip(labels.iter().copied());
-    let stack_of = stacks(footprints.filter(|(_, label)| (*label as usize) < pieces).collect(), &hovers);
+    let mut footprints: Vec<([i64; 2], u32)> = points
+        .iter()
+        .map(place)
+        .zip(labels.iter().copied())
+        .filter(|(_, label)| (*label as usize) < pieces)
+        .collect();
+    footprints.sort_unstable();
+    footprints.dedup();
+    let mut joined = stacks(&footprints, &hovers);
+    if hovers.contains(&true) && pieces > 1 {
+        let bare: BTreeSet<[i64; 2]> =
+            floor.points.iter().filter(|p| height(p).abs() < cell).map(place).collect();
+        for piece in (0..pieces as u32).filter(|&piece| hovers[piece as usize]) {
+            let cells = || footprints.iter().filter(|(_, of)| *of == piece).map(|(cell, _)| cell);
+            let seen = cells().filter(|&cell| bare.contains(cell)).count();
+            if seen as f64 >= BARE * cells().count() as f64 {
+                if let Some(other) = nearest_piece(points, labels, piece, reach, &mut joined, pieces) {
+                    joined.join(piece, other);
+                }
+            }
+        }
+    }
+    let stack_of: Vec<u32> = (0..pieces as u32).map(|piece| joined.least(piece)).collect();
     let mut size_of_stack = vec![0; pieces];
     stack_of.iter().zip(sizes).for_each(|(&stack, size)| size_of_stack[stack as usize] += size);
     // Of equal ones the first.
@@ -50,11 +85,29 @@ pub(super) fn largest_stack(
     is_of_largest
 }
 
-/// For each piece the first of those that it stands over or under, or `hovers` amid, by the cells of their footprints.
-fn stacks(mut footprints: Vec<([i64; 2], u32)>, hovers: &[bool]) -> Vec<u32> {
+/// Of the pieces that do not yet hang together with `piece` the one nearest to it, within `reach`.
+fn nearest_piece(
+    points: &[[f64; 3]],
+    labels: &[u32],
+    piece: u32,
+    reach: f64,
+    joined: &mut DisjointSets,
+    pieces: usize,
+) -> Option<u32> {
+    let stack = joined.least(piece);
+    let is_other: Vec<bool> = (0..pieces as u32).map(|other| joined.least(other) != stack).collect();
+    let own: Vec<[f64; 3]> =
+        points.iter().zip(labels).filter(|(_, label)| **label == piece).map(|(p, _)| *p).collect();
+    let tree = KdTree::new(&own).ok()?;
+    let distances =
+        points.iter().zip(labels).filter(|(_, label)| is_other.get(**label as usize) == Some(&true));
+    let near = distances.filter_map(|(p, label)| Some((tree.nearest_within(p, reach)?.distance_sq, *label)));
+    Some(near.min_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal))?.1)
+}
+
+/// Which pieces stand over or under each other, or hover amid one another, by the sorted cells of their footprints.
+fn stacks(footprints: &[([i64; 2], u32)], hovers: &[bool]) -> DisjointSets {
     let pieces = hovers.len();
-    footprints.sort_unstable();
-    footprints.dedup();
     let mut areas = vec![0_u32; pieces];
     footprints.iter().for_each(|(_, piece)| areas[*piece as usize] += 1);
     let mut shared: BTreeMap<[u32; 2], u32> = BTreeMap::new();
@@ -71,7 +124,7 @@ fn stacks(mut footprints: Vec<([i64; 2], u32)>, hovers: &[bool]) -> Vec<u32> {
             joined.join(a, b);
         }
     }
-    let rows: Vec<Rows> = (0..pieces as u32).map(|piece| Rows::new(&footprints, piece)).collect();
+    let rows: Vec<Rows> = (0..pieces as u32).map(|piece| Rows::new(footprints, piece)).collect();
     for inner in (0..pieces).filter(|&piece| hovers[piece]) {
         let cells = || footprints.iter().filter(|(_, piece)| *piece as usize == inner).map(|(cell, _)| *cell);
         for outer in (0..pieces).filter(|&outer| outer != inner && areas[outer] > areas[inner]) {
@@ -81,7 +134,7 @@ fn stacks(mut footprints: Vec<([i64; 2], u32)>, hovers: &[bool]) -> Vec<u32> {
             }
         }
     }
-    (0..pieces as u32).map(|piece| joined.least(piece)).collect()
+    joined
 }
 
 /// How far a footprint reaches along rows of cells: across, along and both diagonals.
@@ -123,11 +176,17 @@ mod tests {
         cells.map(move |x| ([x, 0], piece))
     }
 
+    fn stack_of(mut footprints: Vec<([i64; 2], u32)>, hovers: &[bool]) -> Vec<u32> {
+        footprints.sort_unstable();
+        let mut joined = stacks(&footprints, hovers);
+        (0..hovers.len() as u32).map(|piece| joined.least(piece)).collect()
+    }
+
     #[test]
     fn pieces_over_one_another_are_one_stack() {
         // A disc, a stem under it, a thing beside it that is partly under its rim, and what lies on that thing.
         let footprints = row(0..10, 0).chain(row(4..6, 1)).chain(row(8..14, 2)).chain(row(11..13, 3));
-        assert_eq!(stacks(footprints.collect(), &[false; 4]), [0, 0, 2, 2]);
+        assert_eq!(stack_of(footprints.collect(), &[false; 4]), [0, 0, 2, 2]);
     }
 
     #[test]
@@ -139,10 +198,10 @@ mod tests {
         };
         let ring = || disc(10, 0).filter(|([x, y], _)| x * x + y * y > 64);
         let inside = || ring().chain(disc(4, 1)).collect::<Vec<_>>();
-        assert_eq!(stacks(inside(), &[false, true]), [0, 0]);
-        assert_eq!(stacks(inside(), &[false, false]), [0, 1]);
+        assert_eq!(stack_of(inside(), &[false, true]), [0, 0]);
+        assert_eq!(stack_of(inside(), &[false, false]), [0, 1]);
         // A third of the ring is missing.
         let open = ring().filter(|([x, y], _)| *x < y.abs() / 2).chain(disc(4, 1));
-        assert_eq!(stacks(open.collect(), &[false, true]), [0, 1]);
+        assert_eq!(stack_of(open.collect(), &[false, true]), [0, 1]);
     }
 }

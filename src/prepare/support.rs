@@ -1,6 +1,7 @@
 //! The part, cut out of the scene: the plane that it stands on is found, and what else stands there is left out.
 
 use super::scene::{Scene, enough};
+use super::stacks::Floor;
 use crate::config::{ClusterMode, Config};
 use crate::error::Result;
 use crate::preprocess::{Ground, find_ground};
@@ -27,12 +28,19 @@ pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages
     stages.text("ground", &reason);
     stages.number("ground_points", removed as f64);
     let region = Some(scene.rows.clone());
+    let floor = Floor { plane, points: without(&scene.points, &kept) };
     let scene = scene.select(&kept);
     let scene = match config.cluster {
-        ClusterMode::Main => scene.isolated(plane, &config.outliers)?,
+        ClusterMode::Main => scene.isolated(&floor, &config.outliers)?,
         ClusterMode::Off => scene,
     };
     Ok(Part { scene, ground: Some(plane), region })
+}
+
+/// The points but for those `kept`, whose indices ascend.
+fn without(points: &[[f64; 3]], kept: &[u32]) -> Vec<[f64; 3]> {
+    let mut kept = kept.iter().copied().peekable();
+    (0_u32..).zip(points).filter(|(i, _)| kept.next_if_eq(i).is_none()).map(|(_, p)| *p).collect()
 }
 
 /// The plane that the part stands on; its `kept` and `removed` are of the points of `scene`.

@@ -79,7 +79,7 @@ const MOSTLY: f64 = 0.8;
 const CONTACT: f64 = 0.1;
 
 /// The same where its foot is out of sight, as under a flange [radii of the outline of what stands there].
-const OVERHANG: f64 = 0.5;
+const OVERHANG: f64 = 1.0;
 
 /// Margin about the outline, and depth below it, within which nothing else may be [radii of the outline].
 const NEAR: f64 = 0.3;
