@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
+use crate::directions::tangents;
 use crate::preprocess::{Clusters, DisjointSets};
 use crate::spatial::KdTree;
-use crate::symmetry::axis::Axis;
 
 /// Pieces that are looked at, at least so large [the largest piece].
 pub(super) const PIECE: f64 = 0.01;
@@ -23,90 +23,95 @@ const BARE: f64 = 0.5;
 
 /// What pieces stand on.
 pub(super) struct Floor {
-    pub(super) plane: [f64; 4],
+    normal: Vector3<f64>,
+    offset: f64,
+    axes: [Vector3<f64>; 2],
     /// Points of the scene that are no candidates for the part: among them those on the plane.
-    pub(super) points: Vec<[f64; 3]>,
+    points: Vec<[f64; 3]>,
 }
 
+impl Floor {
+    pub(super) fn new([x, y, z, offset]: [f64; 4], points: Vec<[f64; 3]>) -> Self {
+        let normal = Vector3::new(x, y, z);
+        Self { normal, offset, axes: tangents(&normal), points }
+    }
+
+    fn height(&self, p: &[f64; 3]) -> f64 {
+        self.normal.dot(&Vector3::from(*p)) + self.offset
+    }
+
+    /// The cell with edges of this length that a point lies over.
+    fn cell(&self, p: &[f64; 3], edge: f64) -> Cell {
+        self.axes.map(|along| (along.dot(&Vector3::from(*p)) / edge).floor() as i64)
+    }
+}
+
+/// A square of the floor.
+type Cell = [i64; 2];
+
 /// Which of the `clusters` of `points` make up the largest thing on a `floor`: pieces over one another are one thing, and so is
-/// a piece that does not reach down to the floor with one that goes all round it, as spokes with their rim, or, if nothing can be
-/// below it, with what is nearest within `reach`, as a handle with its cup. `cell` is the edge of the cells in which footprints
-/// are compared \[length\].
+/// a piece that does not reach down to the floor with one that goes all round it, as spokes with their rim, or, if nothing is
+/// below it, with the nearest larger one within `reach`, as a handle with its cup. Footprints are compared in cells with this
+/// `edge` \[length\].
 pub(super) fn largest_stack(
     points: &[[f64; 3]],
     clusters: &Clusters,
     floor: &Floor,
-    cell: f64,
+    edge: f64,
     reach: f64,
 ) -> Vec<bool> {
     let Clusters { labels, sizes, .. } = clusters;
-    let mut is_of_largest: Vec<bool> = (0..sizes.len()).map(|label| label == 0).collect();
-    let [x, y, z, offset] = floor.plane;
-    let Some(axis) = Axis::new(Vector3::new(x, y, z), Vector3::zeros()) else { return is_of_largest };
     let pieces = sizes.iter().take_while(|&&size| size as f64 >= PIECE * sizes[0] as f64).count();
-    let [u, v] = axis.tangents();
-    let place = |p: &[f64; 3]| [u, v].map(|along| (along.dot(&Vector3::from(*p)) / cell).floor() as i64);
     let mut lowest = vec![f64::INFINITY; sizes.len()];
-    let height = |p: &[f64; 3]| axis.direction.dot(&Vector3::from(*p)) + offset;
     for (p, &label) in points.iter().zip(labels) {
-        lowest[label as usize] = lowest[label as usize].min(height(p));
+        lowest[label as usize] = lowest[label as usize].min(floor.height(p));
     }
-    let hovers: Vec<bool> = lowest.iter().take(pieces).map(|&height| height > cell).collect();
-    let mut footprints: Vec<([i64; 2], u32)> = points
-        .iter()
-        .map(place)
-        .zip(labels.iter().copied())
-        .filter(|(_, label)| (*label as usize) < pieces)
-        .collect();
+    let hovers: Vec<bool> = lowest.iter().take(pieces).map(|&height| height > edge).collect();
+    let cells = points.iter().map(|p| floor.cell(p, edge)).zip(labels.iter().copied());
+    let mut footprints: Vec<(Cell, u32)> = cells.filter(|(_, label)| (*label as usize) < pieces).collect();
     footprints.sort_unstable();
     footprints.dedup();
     let mut joined = stacks(&footprints, &hovers);
-    if hovers.contains(&true) && pieces > 1 {
-        let bare: BTreeSet<[i64; 2]> =
-            floor.points.iter().filter(|p| height(p).abs() < cell).map(place).collect();
-        for piece in (0..pieces as u32).filter(|&piece| hovers[piece as usize]) {
-            let cells = || footprints.iter().filter(|(_, of)| *of == piece).map(|(cell, _)| cell);
-            let seen = cells().filter(|&cell| bare.contains(cell)).count();
-            if seen as f64 >= BARE * cells().count() as f64 {
-                if let Some(other) = nearest_piece(points, labels, piece, reach, &mut joined, pieces) {
-                    joined.join(piece, other);
-                }
-            }
+    for piece in in_the_air(&footprints, &hovers, floor, edge) {
+        if joined.least(piece) == piece
+            && let Some(larger) = nearest_larger(points, labels, piece, reach)
+        {
+            joined.join(piece, larger);
         }
     }
-    let stack_of: Vec<u32> = (0..pieces as u32).map(|piece| joined.least(piece)).collect();
     let mut size_of_stack = vec![0; pieces];
-    stack_of.iter().zip(sizes).for_each(|(&stack, size)| size_of_stack[stack as usize] += size);
+    (0..pieces).for_each(|piece| size_of_stack[joined.least(piece as u32) as usize] += sizes[piece]);
     // Of equal ones the first.
     let largest = (0..pieces).rev().max_by_key(|&stack| size_of_stack[stack]).unwrap_or_default();
-    for (is_of_largest, stack) in is_of_largest.iter_mut().zip(stack_of) {
-        *is_of_largest = stack as usize == largest;
-    }
-    is_of_largest
+    (0..sizes.len()).map(|label| label < pieces && joined.least(label as u32) as usize == largest).collect()
 }
 
-/// Of the pieces that do not yet hang together with `piece` the one nearest to it, within `reach`.
-fn nearest_piece(
-    points: &[[f64; 3]],
-    labels: &[u32],
-    piece: u32,
-    reach: f64,
-    joined: &mut DisjointSets,
-    pieces: usize,
-) -> Option<u32> {
-    let stack = joined.least(piece);
-    let is_other: Vec<bool> = (0..pieces as u32).map(|other| joined.least(other) != stack).collect();
-    let own: Vec<[f64; 3]> =
-        points.iter().zip(labels).filter(|(_, label)| **label == piece).map(|(p, _)| *p).collect();
-    let tree = KdTree::new(&own).ok()?;
-    let distances =
-        points.iter().zip(labels).filter(|(_, label)| is_other.get(**label as usize) == Some(&true));
-    let near = distances.filter_map(|(p, label)| Some((tree.nearest_within(p, reach)?.distance_sq, *label)));
+/// The pieces, without the largest, that hover where the floor below them is seen to be bare.
+fn in_the_air(footprints: &[(Cell, u32)], hovers: &[bool], floor: &Floor, edge: f64) -> Vec<u32> {
+    if !hovers.contains(&true) {
+        return Vec::new();
+    }
+    let on_floor = floor.points.iter().filter(|p| floor.height(p).abs() < edge);
+    let seen: BTreeSet<Cell> = on_floor.map(|p| floor.cell(p, edge)).collect();
+    let is_bare = |piece: &u32| {
+        let cells = || footprints.iter().filter(|(_, of)| of == piece);
+        let bare = cells().filter(|(cell, _)| seen.contains(cell)).count();
+        bare as f64 >= BARE * cells().count() as f64
+    };
+    (1..hovers.len() as u32).filter(|&piece| hovers[piece as usize]).filter(is_bare).collect()
+}
+
+/// Of the pieces larger than `piece`, which have the lower labels, the one nearest to it, within `reach`.
+fn nearest_larger(points: &[[f64; 3]], labels: &[u32], piece: u32, reach: f64) -> Option<u32> {
+    let own = points.iter().zip(labels).filter(|(_, label)| **label == piece).map(|(p, _)| *p);
+    let tree = KdTree::new(&own.collect::<Vec<_>>()).ok()?;
+    let larger = points.iter().zip(labels).filter(|(_, label)| **label < piece);
+    let near = larger.filter_map(|(p, label)| Some((tree.nearest_within(p, reach)?.distance_sq, *label)));
     Some(near.min_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal))?.1)
 }
 
 /// Which pieces stand over or under each other, or hover amid one another, by the sorted cells of their footprints.
-fn stacks(footprints: &[([i64; 2], u32)], hovers: &[bool]) -> DisjointSets {
+fn stacks(footprints: &[(Cell, u32)], hovers: &[bool]) -> DisjointSets {
     let pieces = hovers.len();
     let mut areas = vec![0_u32; pieces];
     footprints.iter().for_each(|(_, piece)| areas[*piece as usize] += 1);
@@ -141,7 +146,7 @@ fn stacks(footprints: &[([i64; 2], u32)], hovers: &[bool]) -> DisjointSets {
 struct Rows(BTreeMap<(usize, i64), [i64; 2]>);
 
 impl Rows {
-    fn new(footprints: &[([i64; 2], u32)], piece: u32) -> Self {
+    fn new(footprints: &[(Cell, u32)], piece: u32) -> Self {
         let mut reach: BTreeMap<(usize, i64), [i64; 2]> = BTreeMap::new();
         for (cell, _) in footprints.iter().filter(|(_, of)| *of == piece) {
             for (kind, (row, at)) in Self::through(*cell).into_iter().enumerate() {
@@ -153,12 +158,12 @@ impl Rows {
     }
 
     /// The rows through a cell, and its place in each. Diagonals are two cells wide, so that none slips through another.
-    fn through([x, y]: [i64; 2]) -> [(i64, i64); 4] {
+    fn through([x, y]: Cell) -> [(i64, i64); 4] {
         [(y, x), (x, y), ((x + y).div_euclid(2), x - y), ((x - y).div_euclid(2), x + y)]
     }
 
     /// In how many of eight directions from a cell the footprint lies.
-    fn directions(&self, cell: [i64; 2]) -> usize {
+    fn directions(&self, cell: Cell) -> usize {
         let met = |(kind, (row, at)): (usize, (i64, i64))| match self.0.get(&(kind, row)) {
             Some([first, last]) => usize::from(*first < at) + usize::from(*last > at),
             None => 0,
@@ -172,11 +177,11 @@ mod tests {
     use super::*;
 
     /// The cells of a row on the support, for one piece.
-    fn row(cells: std::ops::Range<i64>, piece: u32) -> impl Iterator<Item = ([i64; 2], u32)> {
+    fn row(cells: std::ops::Range<i64>, piece: u32) -> impl Iterator<Item = (Cell, u32)> {
         cells.map(move |x| ([x, 0], piece))
     }
 
-    fn stack_of(mut footprints: Vec<([i64; 2], u32)>, hovers: &[bool]) -> Vec<u32> {
+    fn stack_of(mut footprints: Vec<(Cell, u32)>, hovers: &[bool]) -> Vec<u32> {
         footprints.sort_unstable();
         let mut joined = stacks(&footprints, hovers);
         (0..hovers.len() as u32).map(|piece| joined.least(piece)).collect()

@@ -28,7 +28,7 @@ pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages
     stages.text("ground", &reason);
     stages.number("ground_points", removed as f64);
     let region = Some(scene.rows.clone());
-    let floor = Floor { plane, points: without(&scene.points, &kept) };
+    let floor = Floor::new(plane, without(&scene.points, &kept));
     let scene = scene.select(&kept);
     let scene = match config.cluster {
         ClusterMode::Main => scene.isolated(&floor, &config.outliers)?,
