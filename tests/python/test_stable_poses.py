@@ -59,3 +59,16 @@ def test_the_table_is_found_and_left_out(lying: Part, seed: int) -> None:
     assert np.count_nonzero(labels[found.inliers] == 0) > 0.9 * np.count_nonzero(labels == 0)
     assert found.order == lying.order
     assert abs(found.axis @ on_table.axis) > np.cos(np.radians(0.1))
+
+
+@pytest.mark.parametrize(("degrees", "views"), [(0.0, 3), (180.0, 2), (180.0, 3)])
+def test_a_handle_in_the_air_is_of_its_mug(degrees: float, views: int) -> None:
+    """Without it the mug would be taken for round."""
+    on_table = scan(turned_about_x(part("mug"), degrees), "table", views=views, seed=1)
+    try:
+        found = sympose.estimate(on_table.scene)
+    except sympose.NoSymmetryError:
+        return
+    assert found.score < 0.5
+    labels = np.asarray(on_table.label_of_point)
+    assert np.count_nonzero(labels[found.inliers] == 0) > 0.99 * np.count_nonzero(labels == 0)
