@@ -1,4 +1,4 @@
-"""Parts as they come to lie on a table, from one view that may show neither the table before them nor their foot."""
+"""Parts as they come to lie on a table, seen from where neither their foot nor all of the table shows."""
 
 from __future__ import annotations
 
