@@ -175,6 +175,7 @@ impl Rows {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::preprocess::{ClusterParams, main_cluster};
 
     /// The cells of a row on the support, for one piece.
     fn row(cells: std::ops::Range<i64>, piece: u32) -> impl Iterator<Item = (Cell, u32)> {
@@ -208,5 +209,33 @@ mod tests {
         // A third of the ring is missing.
         let open = ring().filter(|([x, y], _)| *x < y.abs() / 2).chain(disc(4, 1));
         assert_eq!(stack_of(open.collect(), &[false, true]), [0, 1]);
+    }
+
+    /// A slab of points between two corners.
+    fn slab([x0, y0, z0]: [f64; 3], [x1, y1, z1]: [f64; 3]) -> Vec<[f64; 3]> {
+        let along = |a: f64, b: f64| (0..=((b - a) / 0.5).round() as usize).map(move |i| a + 0.5 * i as f64);
+        along(x0, x1)
+            .flat_map(|x| along(y0, y1).map(move |y| [x, y]))
+            .flat_map(|[x, y]| along(z0, z1).map(move |z| [x, y, z]))
+            .collect()
+    }
+
+    #[test]
+    fn a_piece_in_the_air_holds_to_a_larger_one_nearby() {
+        // A block, and a plate beside it at a height: how many of the two are of the largest thing.
+        let kept = |height: f64, reach: f64, bare: f64| {
+            let mut points = slab([0.0; 3], [10.0, 10.0, 5.0]);
+            points.extend(slab([14.0, 3.0, height], [18.0, 7.0, height + 1.0]));
+            let params = ClusterParams { distance: 1.0, keep_ratio: 1.0 };
+            let clusters = main_cluster(&points, &params).unwrap();
+            assert_eq!(clusters.sizes.len(), 2);
+            let floor = Floor::new([0.0, 0.0, 1.0, 0.0], slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
+            largest_stack(&points, &clusters, &floor, 1.0, reach).into_iter().filter(|of| *of).count()
+        };
+        assert_eq!(kept(3.0, 5.0, 6.0), 2);
+        // It stands, is too far away, or hides the floor under it.
+        assert_eq!(kept(0.0, 5.0, 6.0), 1);
+        assert_eq!(kept(3.0, 3.0, 6.0), 1);
+        assert_eq!(kept(3.0, 5.0, 1.0), 1);
     }
 }
