@@ -1,6 +1,8 @@
 //! Small analytic clouds for the tests of the preprocessing stages.
 #![allow(dead_code, clippy::unwrap_used, reason = "each test uses its own part, and may panic")]
 
+pub(crate) mod knob;
+
 /// A seeded stream of numbers (SplitMix64).
 pub(crate) struct Random(pub(crate) u64);
 
