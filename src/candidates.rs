@@ -252,6 +252,9 @@ impl Estimator {
         if !prepared.outward {
             advice += "; give the viewpoint or the order, which say more";
         }
+        if self.config().roi.is_none() && refusal.is_some() {
+            advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
+        }
         let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
         advice.extend(lost.map(|lost| format!("; {lost}")));
         let evidence = match refusal {

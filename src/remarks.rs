@@ -59,6 +59,7 @@ pub(crate) fn remarks(
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(details);
     }
+    warnings.extend(thing_beside(prepared.beside));
     Remarks { warnings, ambiguous, doubted }
 }
 
@@ -73,6 +74,18 @@ const FAINT: &str = "ambiguous: hardly anything in sight tells this order from o
 /// Remark on a group that exchanges pieces of the surface.
 pub(crate) const LIKE_PIECES: &str = "ambiguous: each turn takes a piece of the scan to another one, and nothing joins them: \
                                       where they are several like parts, set roi to one of them";
+
+/// Says so when another thing on the support is so large, as a share of the one answered for, that it may be the part.
+fn thing_beside(share: f64) -> Option<String> {
+    const LARGE: f64 = 0.3;
+    (share > LARGE).then(|| {
+        format!(
+            "another thing, {:.0} % as large, stands beside what was answered for and was left out: if the part is that one, \
+             or both, set roi",
+            100.0 * share
+        )
+    })
+}
 
 /// Says so when an order of two was found where little could contradict it: half of a part, as `one_view` shows it, seldom
 /// contradicts a half turn about some axis, and nothing does where it is `unknown` what was seen.

@@ -117,3 +117,22 @@ fn what_holds_no_plane_has_no_ground() {
     }
     assert!(find_ground(&[[f64::NAN; 3]], |_| None, &GroundParams::default(), GroundMode::Auto, 0).is_err());
 }
+
+#[test]
+fn twisted_blades_on_a_rod_are_no_table() {
+    let mut random = Random(5);
+    // Two blades with a hub on top, held by a rod at one tip, so that the outline has no symmetry of its own.
+    let mut points: Vec<[f64; 3]> = (0..16_000)
+        .map(|_| {
+            let (x, y) = (random.uniform(-1.0, 1.0), random.uniform(-0.12, 0.12));
+            let twist = 0.4 * (1.0 - x.abs());
+            [x, y, twist * y * x.signum() + NOISE * random.normal()]
+        })
+        .collect();
+    points.extend((0..3000).map(|_| [random.uniform(1.0, 1.6), random.uniform(-0.02, 0.02), 0.0]));
+    points.extend(wall(&mut random, 800, 0.08, [0.03, 0.2]));
+    points.extend(ring(&mut random, 400, 0.0, 0.08, 0.2));
+    for eye in [Some([0.3, -0.2, 2.0]), None] {
+        assert_eq!(found(&points, eye, GroundMode::Auto).map(|ground| ground.reason), None);
+    }
+}

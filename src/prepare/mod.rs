@@ -47,6 +47,8 @@ pub(crate) struct Prepared {
     pub point_of_inlier: Vec<u32>,
     /// The support plane, local frame.
     pub ground: Option<[f64; 4]>,
+    /// Size of the largest other thing on it, which was left out \[share of the part\].
+    pub beside: f64,
     /// What the cameras saw to be empty.
     pub visibility: Option<Visibility>,
     /// How far the views are off their places, where there are several.
@@ -88,7 +90,7 @@ pub(crate) fn prepare(
     let scene = Scene::new(cloud, config)?;
 
     stages.begin("ground")?;
-    let Part { scene: mut part, ground, mut region } = cut_out(scene, config, stages)?;
+    let Part { scene: mut part, ground, mut region, beside } = cut_out(scene, config, stages)?;
     if let Some(TrackingParams { points, .. }) = tracking {
         part = part.thinned(*points, &mut region);
     }
@@ -129,6 +131,7 @@ pub(crate) fn prepare(
         inliers,
         point_of_inlier,
         ground,
+        beside,
         visibility: visibility.map(supported),
         view_errors,
         outward: part.has_viewpoints(),

@@ -216,11 +216,13 @@ impl<'a> Scene<'a> {
     }
 
     /// The largest thing that stands on a `floor`, without what else stands there: pieces far apart beside
-    /// the size of that thing itself, which is found by looking again at what the last look has left.
-    pub(super) fn isolated(mut self, floor: &Floor, params: &OutlierParams) -> Result<Self> {
+    /// the size of that thing itself, which is found by looking again at what the last look has left. Also the size of the
+    /// largest of these \[share of what is kept\].
+    pub(super) fn isolated(mut self, floor: &Floor, params: &OutlierParams) -> Result<(Self, f64)> {
         const LOOKS: usize = 4;
         /// How far a piece in the air may be from what it holds to [diameters].
         const ATTACHED: f64 = 0.4;
+        let mut left_out: f64 = 0.0;
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
                 break;
@@ -231,17 +233,17 @@ impl<'a> Scene<'a> {
             let distance = 4.0 * cell;
             let coarse = voxel_downsample(&self.points, cell)?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
-            let is_of_largest =
-                largest_stack(&coarse.points, &clusters, floor, distance, ATTACHED * diameter);
+            let largest = largest_stack(&coarse.points, &clusters, floor, distance, ATTACHED * diameter);
+            left_out = left_out.max(largest.next);
             let belongs =
-                |i: &u32| is_of_largest[clusters.labels[coarse.inverse[*i as usize] as usize] as usize];
+                |i: &u32| largest.holds[clusters.labels[coarse.inverse[*i as usize] as usize] as usize];
             let kept: Vec<u32> = (0..self.points.len() as u32).filter(belongs).collect();
             self = self.select(&kept);
             if width(&self.points) > 0.9 * diameter {
                 break;
             }
         }
-        Ok(self)
+        Ok((self, left_out))
     }
 
     /// Every n-th point where there are more than `most`, and as thin a `region` around: the depth maps count on

@@ -49,8 +49,16 @@ impl Floor {
 /// A square of the floor.
 type Cell = [i64; 2];
 
-/// Which of the `clusters` of `points` make up the largest thing on a `floor`: pieces over one another are one thing, and so is
-/// a piece that does not reach down to the floor with one that goes all round it, as spokes with their rim, or, if nothing is
+/// The largest thing on a floor.
+pub(super) struct LargestStack {
+    /// Which clusters make it up.
+    pub(super) holds: Vec<bool>,
+    /// Size of the next largest thing \[share of this one\].
+    pub(super) next: f64,
+}
+
+/// Finds which of the `clusters` of `points` make up the largest thing on a `floor`: pieces over one another are one thing, and so
+/// is a piece that does not reach down to the floor with one that goes all round it, as spokes with their rim, or, if nothing is
 /// below it, with the nearest larger one within `reach`, as a handle with its cup. Footprints are compared in cells with this
 /// `edge` \[length\].
 pub(super) fn largest_stack(
@@ -59,7 +67,7 @@ pub(super) fn largest_stack(
     floor: &Floor,
     edge: f64,
     reach: f64,
-) -> Vec<bool> {
+) -> LargestStack {
     let Clusters { labels, sizes, .. } = clusters;
     let pieces = sizes.iter().take_while(|&&size| size as f64 >= PIECE * sizes[0] as f64).count();
     let mut lowest = vec![f64::INFINITY; sizes.len()];
@@ -83,7 +91,10 @@ pub(super) fn largest_stack(
     (0..pieces).for_each(|piece| size_of_stack[joined.least(piece as u32) as usize] += sizes[piece]);
     // Of equal ones the first.
     let largest = (0..pieces).rev().max_by_key(|&stack| size_of_stack[stack]).unwrap_or_default();
-    (0..sizes.len()).map(|label| label < pieces && joined.least(label as u32) as usize == largest).collect()
+    let next = (0..pieces).filter(|&stack| stack != largest).map(|stack| size_of_stack[stack]).max();
+    let next = next.unwrap_or_default() as f64 / size_of_stack.get(largest).map_or(1.0, |&size| size as f64);
+    let holds = |label: usize| label < pieces && joined.least(label as u32) as usize == largest;
+    LargestStack { holds: (0..sizes.len()).map(holds).collect(), next }
 }
 
 /// The pieces, without the largest, that hover where the floor below them is seen to be bare.
@@ -230,7 +241,7 @@ mod tests {
             let clusters = main_cluster(&points, &params).unwrap();
             assert_eq!(clusters.sizes.len(), 2);
             let floor = Floor::new([0.0, 0.0, 1.0, 0.0], slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
-            largest_stack(&points, &clusters, &floor, 1.0, reach).into_iter().filter(|of| *of).count()
+            largest_stack(&points, &clusters, &floor, 1.0, reach).holds.into_iter().filter(|of| *of).count()
         };
         assert_eq!(kept(3.0, 5.0, 6.0), 2);
         // It stands, is too far away, or hides the floor under it.

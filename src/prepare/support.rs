@@ -18,23 +18,26 @@ pub(super) struct Part<'a> {
     pub(super) ground: Option<[f64; 4]>,
     /// Rows of the cloud in the scene as it was before, where anything was left out.
     pub(super) region: Option<Vec<u32>>,
+    /// Size of the largest other thing on the support, which was left out \[share of the part\].
+    pub(super) beside: f64,
 }
 
 /// Leaves out the support plane and, where there is one, what stands apart from the largest thing on it.
 pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages) -> Result<Part<'a>> {
     let Some(Ground { plane, kept, reason, removed, .. }) = find_support(&scene, config)? else {
-        return Ok(Part { scene, ground: None, region: None });
+        return Ok(Part { scene, ground: None, region: None, beside: 0.0 });
     };
     stages.text("ground", &reason);
     stages.number("ground_points", removed as f64);
     let region = Some(scene.rows.clone());
     let floor = Floor::new(plane, without(&scene.points, &kept));
     let scene = scene.select(&kept);
-    let scene = match config.cluster {
+    let (scene, beside) = match config.cluster {
         ClusterMode::Main => scene.isolated(&floor, &config.outliers)?,
-        ClusterMode::Off => scene,
+        ClusterMode::Off => (scene, 0.0),
     };
-    Ok(Part { scene, ground: Some(plane), region })
+    stages.number("beside", beside);
+    Ok(Part { scene, ground: Some(plane), region, beside })
 }
 
 /// The points but for those `kept`, whose indices ascend.

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::cluster::{ClusterParams, main_cluster};
 use super::fields::Fields;
+use super::flatness::unevenness;
 use super::outline::{Flat, Outline, distance, enclosing_middle};
 use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
 use super::{CHUNK, check_finite};
@@ -80,6 +81,12 @@ const CONTACT: f64 = 0.1;
 
 /// The same where its foot is out of sight, as under a flange [radii of the outline of what stands there].
 const OVERHANG: f64 = 1.0;
+
+/// How far a support may be from flat but for noise, and the patches in which that is seen [radii of the outline].
+///
+/// Captured tables are 0.008 or less; blades and dished discs that were taken for one 0.015 or more.
+const UNEVEN: f64 = 0.011;
+const PATCH: f64 = 0.3;
 
 /// Margin about the outline, and depth below it, within which nothing else may be [radii of the outline].
 const NEAR: f64 = 0.3;
@@ -264,9 +271,12 @@ impl SeenPoints<'_> {
         let hidden = directions.clone().filter(|&s| !is_filled(s) && shaded[s]).count();
         // Of what is out of sight nothing is known: it counts half.
         let free = (directions.filter(is_free).count() as f64 + 0.5 * hidden as f64) / hull.len() as f64;
-        if mode == GroundMode::Auto
-            && (free < params.free_directions || is_face(&outline, &things, seen, params))
-        {
+        let is_of_the_part = || {
+            free < params.free_directions
+                || is_face(&outline, &things, seen, params)
+                || self.is_uneven(&on, &plane, &axes, radius)
+        };
+        if mode == GroundMode::Auto && is_of_the_part() {
             return None;
         }
         let reason = format!(
@@ -275,6 +285,16 @@ impl SeenPoints<'_> {
             100.0 * free
         );
         Some(Support { plane, axes, outline, is_touched, reason })
+    }
+
+    /// Whether the points `on` a plane are rather blades, or a dished disc, between two planes.
+    fn is_uneven(&self, on: &[usize], plane: &HalfSpace, axes: &PlaneAxes, radius: f64) -> bool {
+        let in_plane = |&i: &usize| {
+            let [x, y] = axes.flat(&self.points[i]);
+            [x, y, plane.distance(&self.points[i])]
+        };
+        let sheet: Vec<[f64; 3]> = on.iter().map(in_plane).collect();
+        unevenness(&sheet, PATCH * radius).is_ok_and(|height| height > UNEVEN * radius)
     }
 
     /// For each direction of an outline whether it leads away from all sensors that saw the points `on` it: a thing in its middle

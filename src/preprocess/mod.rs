@@ -18,6 +18,7 @@ mod cluster;
 mod disjoint_sets;
 mod eigen;
 mod fields;
+mod flatness;
 mod grid;
 mod ground;
 mod layers;

@@ -37,6 +37,13 @@ def test_a_tight_region_keeps_the_support_apart(name: str, views: int, seed: int
     assert (scanned.label_of_point[found.inliers] == 0).mean() > 0.98
 
 
+@pytest.mark.parametrize("clutter", [0, 2])
+def test_a_like_thing_beside_is_said(clutter: int) -> None:
+    found = sympose.estimate(scan(part("propeller_2"), "table", views=3, seed=1, clutter=clutter).scene)
+    warned = [warning for warning in found.warnings if "stands beside what was answered for" in warning]
+    assert len(warned) == (clutter > 0)
+
+
 def test_a_plane_that_is_asked_for_and_not_there_is_said(hub: Scan) -> None:
     config = sympose.Config(ground="on")
     found = sympose.estimate(hub.scene.points, viewpoints=hub.scene.viewpoints, order=5, config=config)
