@@ -2,7 +2,7 @@
 
 /// Upper median; reorders `values`. `None` for an empty slice.
 #[must_use]
-pub fn median(values: &mut [f64]) -> Option<f64> {
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {
         return None;
     }
@@ -16,7 +16,7 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
 ///
 /// Returns 0 for an empty slice.
 #[must_use]
-pub fn robust_sigma(residuals: &mut [f64]) -> f64 {
+pub(crate) fn robust_sigma(residuals: &mut [f64]) -> f64 {
     /// Ratio of standard deviation to median absolute deviation of a Gaussian.
     const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
     for r in residuals.iter_mut() {

@@ -19,7 +19,7 @@ const NONE: u32 = u32::MAX;
 
 /// For each point and each rotation the measured point that it meets.
 #[derive(Debug, Clone)]
-pub struct Correspondences {
+pub(crate) struct Correspondences {
     turns: usize,
     matched: Vec<u32>,
 }
@@ -27,7 +27,7 @@ pub struct Correspondences {
 impl Correspondences {
     /// Rotates every point by every turn and looks up its match; O(points x turns) queries, in parallel.
     #[must_use]
-    pub fn find(surface: &Surface, samples: &Samples, axis: &Axis, turns: &Turns, gate: Gate) -> Self {
+    pub(crate) fn find(surface: &Surface, samples: &Samples, axis: &Axis, turns: &Turns, gate: Gate) -> Self {
         let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
         let mut matched = vec![NONE; samples.points.len() * moves.len()];
         if !moves.is_empty() {
@@ -46,20 +46,20 @@ impl Correspondences {
     }
 
     /// Matches of point `i`: for each turn the index of the measured point, or `None`.
-    pub fn of(&self, i: usize) -> impl Iterator<Item = Option<usize>> + '_ {
+    pub(crate) fn of(&self, i: usize) -> impl Iterator<Item = Option<usize>> + '_ {
         self.matched[i * self.turns..(i + 1) * self.turns].iter().map(|&j| (j != NONE).then_some(j as usize))
     }
 
     /// Number of rotated points that met the surface.
     #[must_use]
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.matched.iter().filter(|&&j| j != NONE).count()
     }
 }
 
 /// The unknowns: the axis, and a displacement of each point when points are optimised too.
 #[derive(Debug, Clone)]
-pub struct Unknowns {
+pub(crate) struct Unknowns {
     /// The symmetry axis.
     pub axis: Axis,
     /// Displacement of each point \[length\]; empty when the points are held fixed.
@@ -74,7 +74,7 @@ pub struct Unknowns {
 /// rho the robust loss. Points without a match under a rotation add nothing.
 ///
 /// The matches p' are *measured* points, never refined ones: averages of averages would shrink thin blades.
-pub struct SelfAlignment<'a> {
+pub(crate) struct SelfAlignment<'a> {
     /// The measured surface.
     pub surface: &'a Surface,
     /// The points that are rotated into it.
@@ -346,7 +346,7 @@ impl RobustProblem for SelfAlignment<'_> {
 
 /// Residuals of the matches of some of the points at `axis`, enough to know how they scatter.
 #[must_use]
-pub fn residuals(
+pub(crate) fn residuals(
     surface: &Surface,
     samples: &Samples,
     axis: &Axis,

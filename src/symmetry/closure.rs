@@ -24,7 +24,7 @@ const EDGE: f64 = 0.04;
 
 /// Area and first moment along the axis of the surface that was not seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Unseen {
+pub(crate) struct Unseen {
     /// Area [squared length].
     pub area: f64,
     /// Area times height [cubed length].
@@ -33,7 +33,7 @@ pub struct Unseen {
 
 /// Finds the unseen surface of a folded part between its lower and upper end; the normals must point outward.
 #[must_use]
-pub fn unseen(folded: &Folded, [lower, upper]: [f64; 2]) -> Unseen {
+pub(crate) fn unseen(folded: &Folded, [lower, upper]: [f64; 2]) -> Unseen {
     let rim = folded.points.iter().map(|p| p.radius).fold(f64::MIN_POSITIVE, f64::max);
     let width = rim / RINGS as f64;
     // A point counts in both rings whose middles it lies between, so that none decides by the ring it falls into.
@@ -71,7 +71,7 @@ fn edge(ring: &[(&FoldedPoint, f64)], lower: bool) -> f64 {
 ///
 /// A quantile would jump where a step has just that much area; a mean moves as little as the area does.
 #[must_use]
-pub fn tail(heights: &[(f64, f64)], within: f64) -> f64 {
+pub(crate) fn tail(heights: &[(f64, f64)], within: f64) -> f64 {
     let (mut sum, mut moment) = (0.0, 0.0);
     for (height, area) in heights {
         let area = area.min(within - sum);

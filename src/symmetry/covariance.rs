@@ -7,7 +7,7 @@ use crate::symmetry::sandwich::Sandwich;
 
 /// What is known of the frame beside the axis itself.
 #[derive(Debug, Clone, Copy)]
-pub struct AlongAxis {
+pub(crate) struct AlongAxis {
     /// Standard deviation of the origin along the axis \[length\]; infinite when it is free.
     pub slide: f64,
     /// Standard deviation of the rotation about the axis \[rad\]; infinite when it is free.
@@ -22,7 +22,7 @@ pub(crate) const INFLATION_BESIDE_VIEWS: f64 = 1.5;
 
 /// Errors of the axis that many residuals have in common.
 #[derive(Debug, Clone, Copy)]
-pub struct CommonErrors {
+pub(crate) struct CommonErrors {
     /// By what the covariance is larger than noise alone would make it.
     pub inflation: f64,
     /// What errors in the places of the views add to it: patches of the surface are too small to show them.
@@ -62,7 +62,7 @@ fn bounded_inverse(pace: &Matrix4<f64>) -> Matrix4<f64> {
 ///
 /// [`matching_pace`]: crate::symmetry::pace::matching_pace
 #[must_use]
-pub fn pose_covariance(
+pub(crate) fn pose_covariance(
     sandwich: &Sandwich,
     pace: &Matrix4<f64>,
     common: &CommonErrors,

@@ -26,7 +26,7 @@ const LAYERS: f64 = 512.0;
 
 /// A measured point in the axis frame.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct FoldedPoint {
+pub(crate) struct FoldedPoint {
     /// Distance from the axis \[length\].
     pub radius: f64,
     /// Angle about the axis from its first tangent, any of the equivalent ones \[rad\].
@@ -45,7 +45,7 @@ pub struct FoldedPoint {
 
 /// A part folded into one sector.
 #[derive(Debug, Clone, Default)]
-pub struct Folded {
+pub(crate) struct Folded {
     /// Each sample of the surface.
     pub points: Vec<FoldedPoint>,
     /// Width of the kernel with which the density was taken \[length\].
@@ -55,19 +55,19 @@ pub struct Folded {
 impl Folded {
     /// Area of the completed surface [squared length].
     #[must_use]
-    pub fn area(&self) -> f64 {
+    pub(crate) fn area(&self) -> f64 {
         self.points.iter().map(|p| p.area).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
     /// Mean over the completed surface.
-    pub fn mean(&self, value: impl Fn(&FoldedPoint) -> f64) -> f64 {
+    pub(crate) fn mean(&self, value: impl Fn(&FoldedPoint) -> f64) -> f64 {
         self.points.iter().map(|p| p.area * value(p)).sum::<f64>() / self.area()
     }
 }
 
 /// Folds `samples` about `axis`; `spacing` is the typical distance between them \[length\].
 #[must_use]
-pub fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -> Folded {
+pub(crate) fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -> Folded {
     let to_axis = axis.frame().rotation.inverse();
     let mut points: Vec<FoldedPoint> = samples
         .points

@@ -15,7 +15,7 @@ use crate::symmetry::order::Order;
 /// Which rule decided the sign of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum SignRule {
+pub(crate) enum SignRule {
     /// That of the pose from before: a stream of poses must not turn over.
     Previous,
     /// Away from the support plane.
@@ -40,7 +40,7 @@ const DECISIVE_SKEWNESS: f64 = 0.05;
 /// `previous` is the direction of an earlier pose; `up` is the unit normal of the support plane toward the part; `toward_sensors` the mean unit direction from the part
 /// to the sensors, short when they stand all round.
 #[must_use]
-pub fn decide_sign(
+pub(crate) fn decide_sign(
     axis: &Axis,
     previous: Option<Vector3<f64>>,
     up: Option<Vector3<f64>>,
@@ -73,7 +73,7 @@ fn skewness(folded: &Folded) -> f64 {
 
 /// Where the origin lies on the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Height {
+pub(crate) struct Height {
     /// Above the point of the axis \[length\].
     pub value: f64,
     /// Standard deviation \[length\].
@@ -85,7 +85,7 @@ pub struct Height {
 /// `base` is the height at which the axis meets the support plane, where there is one. With `outward` normals the centroid
 /// takes the surface into account that no camera saw.
 #[must_use]
-pub fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward: bool) -> Height {
+pub(crate) fn origin_height(folded: &Folded, origin: Origin, base: Option<f64>, outward: bool) -> Height {
     /// Uncertainty of the unseen surface, as a share of what it changes; a cell remains where all was seen.
     const TRUST: f64 = 0.7;
     let [mut lower, mut upper] = ends(folded);
@@ -120,7 +120,7 @@ fn ends(folded: &Folded) -> [f64; 2] {
 
 /// Primary orientation about the axis.
 #[derive(Debug, Clone)]
-pub struct Heading {
+pub(crate) struct Heading {
     /// Angle of +x from the first tangent of the axis \[rad\], one of n equivalent ones.
     pub angle: f64,
     /// Standard deviation of the angle from the scatter of the points \[rad\]; infinite when nothing fixes it.
@@ -137,7 +137,7 @@ const HISTOGRAM_BINS: f64 = 360.0;
 /// Among the n equivalent directions the one nearest to the bulk of the *measured* points is returned, which turns with
 /// the part and the sensor.
 #[must_use]
-pub fn find_heading(folded: &Folded, order: Order, rule: Yaw) -> Heading {
+pub(crate) fn find_heading(folded: &Folded, order: Order, rule: Yaw) -> Heading {
     let bulk: Complex<f64> = folded.points.iter().map(|p| Complex::from_polar(p.radius, p.angle)).sum();
     let toward_bulk = bulk.arg();
     let Order::Cyclic(n) = order else {

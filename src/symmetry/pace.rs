@@ -24,7 +24,7 @@ const PROBE: f64 = 0.1;
 ///
 /// # Errors
 /// Those of [`minimize`](crate::symmetry::solver::minimize), which takes the step of each round.
-pub fn matching_pace(
+pub(crate) fn matching_pace(
     surface: &Surface,
     axis: &Axis,
     turns: &Turns,

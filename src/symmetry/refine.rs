@@ -252,8 +252,8 @@ impl<'a> Aligner<'a> {
     /// gathered.
     ///
     /// # Errors
-    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded), and those of
-    /// [`minimize`].
+    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded), and
+    /// [`Error::InvalidParameter`](crate::Error::InvalidParameter) should the solver library fail by itself.
     pub fn refine_jointly(&self, aligned: &Refined, joint: bool, control: &Control) -> Result<Refined> {
         control.check()?;
         let gate = self.last_gate();

@@ -9,7 +9,7 @@ use crate::symmetry::surface::Surface;
 /// (Pottmann and Randrup, "Rotational and helical surface approximation for reverse engineering", Computing 60, 1998),
 /// reweighted so that features that are not round do not pull it aside. `None` where it is not determined.
 #[must_use]
-pub fn axis_of_revolution(surface: &Surface) -> Option<Axis> {
+pub(crate) fn axis_of_revolution(surface: &Surface) -> Option<Axis> {
     /// Points whose normals are asked.
     const ASKED: usize = 2000;
     /// Rounds of reweighting.

@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::median::{median, robust_sigma};
+pub(crate) use crate::median::robust_sigma;
 
 /// Huber's loss: quadratic up to `width`, linear beyond (the paper's gamma norm).
 ///
 /// Conventions: `cost` is rho(r) with rho(r) = r^2 / 2 near zero; `weight` is rho'(r) / r, in (0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Huber {
+pub(crate) struct Huber {
     /// Where the loss becomes linear [unit of the residual].
     pub width: f64,
 }
@@ -17,7 +17,7 @@ impl Huber {
     /// rho(r).
     #[must_use]
     #[inline]
-    pub fn cost(&self, residual: f64) -> f64 {
+    pub(crate) fn cost(&self, residual: f64) -> f64 {
         let r = residual.abs();
         if r <= self.width { 0.5 * r * r } else { self.width * (r - 0.5 * self.width) }
     }
@@ -25,7 +25,7 @@ impl Huber {
     /// Weight of a residual in iteratively reweighted least squares.
     #[must_use]
     #[inline]
-    pub fn weight(&self, residual: f64) -> f64 {
+    pub(crate) fn weight(&self, residual: f64) -> f64 {
         let r = residual.abs();
         if r <= self.width { 1.0 } else { self.width / r }
     }

@@ -52,7 +52,7 @@ impl SelfAlignment<'_> {
     /// A residual carries the noise of two points, so that its gradient is added to the patch of either, in full each time:
     /// residuals that have a point in common share a patch, whichever end of them it is.
     #[must_use]
-    pub fn sandwich(&self, axis: &Axis) -> Sandwich {
+    pub(crate) fn sandwich(&self, axis: &Axis) -> Sandwich {
         let count = self.samples.points.len();
         let size = count.div_ceil(PATCHES).max(1);
         // The samples are spread evenly over the surface, so that a patch is the same share of both.

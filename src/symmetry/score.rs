@@ -99,7 +99,7 @@ fn share(agreeing: f64, against: f64) -> f64 {
 
 /// What becomes of a point with a normal when both are moved by `turn`.
 #[must_use]
-pub fn outcome(
+pub(crate) fn outcome(
     surface: &Surface,
     point: &Vector3<f64>,
     normal: &Vector3<f64>,
@@ -126,7 +126,7 @@ pub fn outcome(
 
 /// Rotates `samples` by every turn and counts what they meet.
 #[must_use]
-pub fn match_score(
+pub(crate) fn match_score(
     surface: &Surface,
     samples: &Samples,
     axis: &Axis,

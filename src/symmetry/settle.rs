@@ -18,7 +18,7 @@ const CHUNK: usize = 2048;
 
 /// What holds the points of a surface.
 #[derive(Debug, Clone, Copy)]
-pub struct Rest<'a> {
+pub(crate) struct Rest<'a> {
     /// Rotations of the symmetry and their weights.
     pub turns: &'a Turns,
     /// What a match may differ in.
@@ -45,7 +45,7 @@ struct Match<const D: usize> {
 impl Rest<'_> {
     /// Displacement of each point of `surface` \[length\]: along its normal where distances are measured to planes.
     #[must_use]
-    pub fn offsets(&self, surface: &Surface, axis: &Axis) -> Vec<Vector3<f64>> {
+    pub(crate) fn offsets(&self, surface: &Surface, axis: &Axis) -> Vec<Vector3<f64>> {
         match self.residual {
             Residual::PointToPlane => {
                 self.along(surface, axis, |i| SMatrix::<f64, 3, 1>::from(surface.samples.normals[i]))

@@ -10,7 +10,7 @@ use crate::symmetry::visibility::{Seen, Visibility};
 
 /// What the cameras say about places near an axis.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight<'a> {
+pub(crate) struct Sight<'a> {
     visibility: Option<&'a Visibility>,
     unseen: Option<Sector>,
 }
@@ -24,7 +24,7 @@ impl<'a> From<Option<&'a Visibility>> for Sight<'a> {
 impl<'a> Sight<'a> {
     /// Looks for a sector about `axis` of which nothing was measured: there, no return says nothing.
     #[must_use]
-    pub fn about(axis: &Axis, surface: &Surface, visibility: Option<&'a Visibility>) -> Self {
+    pub(crate) fn about(axis: &Axis, surface: &Surface, visibility: Option<&'a Visibility>) -> Self {
         // One view leaves so much unseen that an empty sector means nothing.
         let several = visibility.filter(|v| v.views() > 1);
         Self { visibility, unseen: several.and_then(|_| Sector::unseen(surface, axis)) }
@@ -32,13 +32,13 @@ impl<'a> Sight<'a> {
 
     /// Whether viewpoints are known.
     #[must_use]
-    pub fn is_known(&self) -> bool {
+    pub(crate) fn is_known(&self) -> bool {
         self.visibility.is_some()
     }
 
     /// Width of the sector of which nothing was measured \[rad\].
     #[must_use]
-    pub fn unseen(&self) -> Option<f64> {
+    pub(crate) fn unseen(&self) -> Option<f64> {
         self.unseen.map(|sector| sector.width)
     }
 
@@ -46,7 +46,7 @@ impl<'a> Sight<'a> {
     /// its return have been lost with the rest; without viewpoints any place counts as free.
     #[must_use]
     #[inline]
-    pub fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
+    pub(crate) fn seen(&self, point: &Vector3<f64>, normal: &Vector3<f64>, margin: f64) -> Seen {
         let is_barred = |camera: &Vector3<f64>| self.unseen.is_some_and(|sector| sector.meets(camera, point));
         self.visibility.map_or(Seen::Free, |v| v.seen(point, Some(normal), margin, is_barred))
     }

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 
 /// Normal equations of a robust least-squares problem in four parameters, linearised at one point.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct NormalEquations {
+pub(crate) struct NormalEquations {
     /// J' W J.
     pub hessian: Matrix4<f64>,
     /// J' W r.
@@ -21,7 +21,7 @@ pub struct NormalEquations {
 
 impl NormalEquations {
     /// Adds the equations of further residuals.
-    pub fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         self.hessian += other.hessian;
         self.gradient += other.gradient;
         self.cost += other.cost;
@@ -29,7 +29,7 @@ impl NormalEquations {
 }
 
 /// A robust least-squares problem; further unknowns may be eliminated inside (Schur complement).
-pub trait RobustProblem {
+pub(crate) trait RobustProblem {
     /// The unknowns.
     type Param: Clone;
 
@@ -56,7 +56,7 @@ pub trait RobustProblem {
 /// Reference: Marquardt, J. SIAM 11 (1963) 431; Triggs et al., Bundle Adjustment (2000), section 6, for the robust
 /// weights.
 #[derive(Debug, Clone)]
-pub struct DampedGaussNewton {
+pub(crate) struct DampedGaussNewton {
     /// Factor on the diagonal of the normal equations; adapted while solving.
     damping: f64,
     /// Relative fall of the cost below which the solution is accepted.
@@ -124,7 +124,7 @@ impl<O: RobustProblem> Solver<&O, IterState<O::Param, (), (), (), (), f64>> for 
 
 /// Where the solver stopped.
 #[derive(Debug, Clone)]
-pub struct Minimum<P> {
+pub(crate) struct Minimum<P> {
     /// The unknowns.
     pub param: P,
     /// Robust cost at the start and at the end.
@@ -135,7 +135,7 @@ pub struct Minimum<P> {
 ///
 /// # Errors
 /// Those of the problem, as they are; [`Error::InvalidParameter`] should the solver library fail by itself.
-pub fn minimize<O: RobustProblem>(
+pub(crate) fn minimize<O: RobustProblem>(
     problem: &O,
     start: O::Param,
     max_iterations: u64,
