@@ -19,7 +19,7 @@ use crate::symmetry::pace::matching_pace;
 use crate::symmetry::pieces::exchanges_pieces;
 use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
-use crate::symmetry::search::Found;
+use crate::symmetry::search::{Found, group_size};
 use crate::symmetry::surface::{Gate, Surface};
 use crate::symmetry::sweep::Turning;
 
@@ -74,7 +74,7 @@ impl Estimator {
         let declared = self.config().order;
         let mut refusal: Option<Refusal> = None;
         // Where much is hidden a wrong axis may be as good, but seldom allows the declared order, too.
-        let mut best: Option<((bool, f64), Settled)> = None;
+        let mut best: Option<((bool, u32, f64), Settled)> = None;
         let mut answered: Vec<(&Found, f64)> = Vec::new();
         let mut tried = 0;
         for candidate in candidates {
@@ -113,14 +113,18 @@ impl Estimator {
             let Remarks { warnings, ambiguous, doubted } =
                 remarks(declared, candidate, candidates, &refined.axis, &score, &detection, prepared);
             let trust = prepared.trust(&score);
-            let worth = (!doubted, trust);
+            // Turns of an order that the part does not have may hold an axis beside the right one, with little left of the order.
+            let kept =
+                declared != Order::Auto || candidate.order.is_none_or(|order| keeps(&detection, order));
+            let group = if declared == Order::Auto && trust >= TRACKED { group_size(order) } else { 0 };
+            let worth = (!doubted, group, trust);
             if best.as_ref().is_none_or(|(most, _)| worth > *most) {
                 best = Some((worth, Settled { refined, order, score, detection, ambiguous, warnings }));
             }
             // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
             // smaller one hides less.
             let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
-            if trust >= enough && !doubted {
+            if trust >= enough && !doubted && kept {
                 break;
             }
             if trust >= TRACKED {
@@ -273,6 +277,15 @@ impl Estimator {
         };
         Error::NoSymmetry { evidence }
     }
+}
+
+/// Whether what was found about an axis is no smaller than the order of the search, but for details that decide it.
+fn keeps(detection: &Detection, order: Order) -> bool {
+    let found = match detection.details {
+        Some(Details::OfOrder { rest, .. }) => Some(rest),
+        _ => detection.order,
+    };
+    found.is_some_and(|found| group_size(found) >= group_size(order))
 }
 
 /// The best axis about which no order holds.

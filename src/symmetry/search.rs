@@ -1,5 +1,7 @@
 //! Axis and order together: axes proposed under several orders, each asked for the order that it really has.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -39,6 +41,9 @@ pub(crate) const EQUALLY_GOOD_SEVERAL: f64 = 0.72;
 
 /// The same where no viewpoint is known, so that hidden surface counts as missing.
 const EQUALLY_GOOD_UNSEEN: f64 = 0.6;
+
+/// The same where the order of the axis follows from half turns that are as good as the best.
+const FOLLOWING: f64 = 0.6;
 
 /// Everything the search needs beside the surface.
 #[derive(Clone, Copy)]
@@ -120,7 +125,8 @@ fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &S
 
 /// Axes and orders, best first: of the axes that explain the data about equally well, the one with the largest group.
 ///
-/// A dihedral part has two-fold axes across its main one that match as well; the largest group tells them apart.
+/// A dihedral part has two-fold axes across its main one that match as well; the largest group tells them apart, and so does
+/// an order that follows from two of them.
 ///
 /// # Errors
 /// Those of [`propose`].
@@ -169,8 +175,14 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
         Some(_) => EQUALLY_GOOD,
         None => EQUALLY_GOOD_UNSEEN,
     };
+    let half_turns: Vec<Axis> = (found.iter())
+        .filter(|f| f.order == Some(Order::Cyclic(2)) && f.proposal.score.value() >= equally_good * best)
+        .map(|f| f.proposal.axis)
+        .collect();
     let rank = |f: &Found| {
-        let good = f.order.is_some() && f.proposal.score.value() >= equally_good * best;
+        let score = f.proposal.score.value();
+        let follows = score >= FOLLOWING * best && follows_from_half_turns(f, &half_turns, context.diameter);
+        let good = f.order.is_some() && (score >= equally_good * best || follows);
         let group = if good { f.order.map_or(0, group_size) } else { 0 };
         (f.order.is_some(), group)
     };
@@ -238,6 +250,33 @@ fn across(found: &[Found]) -> Vec<Axis> {
         }
     }
     main
+}
+
+/// Whether the order of an axis follows, in part at least, from half turns that hold about two axes across it: one after the
+/// other they turn by twice the angle between these axes.
+fn follows_from_half_turns(main: &Found, half_turns: &[Axis], diameter: f64) -> bool {
+    /// Cosine of the angle between lines that are across one another.
+    const ACROSS: f64 = 0.02;
+    /// Distance between lines that meet [diameters].
+    const MEETING: f64 = 0.01;
+    /// What the angle of a turn may be off \[rad\].
+    const OFF: f64 = 0.01;
+    let Some(Order::Cyclic(n)) = main.order else { return false };
+    let axis = &main.proposal.axis;
+    let is_across = |other: &&Axis| {
+        let normal = axis.direction.cross(&other.direction);
+        axis.direction.dot(&other.direction).abs() < ACROSS
+            && (other.point - axis.point).dot(&normal).abs() < MEETING * diameter
+    };
+    let across: Vec<&Axis> = half_turns.iter().filter(is_across).collect();
+    let step = TAU / f64::from(n);
+    let is_of_order = |a: &Axis, b: &Axis| {
+        let turn = 2.0 * a.angle_to(b);
+        let steps = (turn / step).round();
+        // Half a turn, which is all that axes at right angles make, says nothing of an order beyond two.
+        (turn - steps * step).abs() < OFF && steps >= 1.0 && 2.0 * steps < f64::from(n)
+    };
+    across.iter().enumerate().any(|(i, a)| across[..i].iter().any(|b| is_of_order(a, b)))
 }
 
 /// The best directions through the middle of the outline: turns of a wrong order align a direction, but where a part of the

@@ -62,6 +62,15 @@ def test_one_view_of_a_gear_is_right_or_refused_or_doubtful(seed: int) -> None:
     assert found.order == 43 or found.score < 0.5
 
 
+@pytest.mark.parametrize(("teeth", "seed"), [(12, 2), (15, 3), (20, 1), (24, 2)])
+def test_half_turns_about_two_lines_tell_the_axis_of_a_gear_from_the_side(teeth: int, seed: int) -> None:
+    # Half turns about lines toward the camera keep all in sight, and score higher than turns about the axis.
+    scanned = scan(gear(teeth, hub=False), "edge", views=1, seed=seed)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == teeth
+    assert abs(found.pose[:3, 2] @ scanned.axis) > np.cos(np.radians(0.5))
+
+
 def test_teeth_too_fine_for_an_order_are_remarked_on() -> None:
     found = sympose.estimate(scan(gear(67, hub=True), "sphere", views=5, seed=1).scene)
     assert found.order == "continuous"
