@@ -44,6 +44,9 @@ const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
 /// the next axis where they do not.
 const REMARKED: usize = 250;
 
+/// What is said first where a scan is refused.
+const NO_SYMMETRY: &str = "no rotational symmetry explains the data";
+
 /// An axis with the order that holds about it.
 pub(crate) struct Settled {
     pub refined: Refined,
@@ -267,11 +270,13 @@ impl Estimator {
                 center: world(axis.point),
                 explained,
                 score,
-                reason: format!("about the best axis no rotation maps the part to itself{advice}"),
+                reason: format!(
+                    "{NO_SYMMETRY}: about the best axis no rotation maps the part to itself{advice}"
+                ),
             },
             None => Evidence {
                 center: world(prepared.surface.centroid),
-                reason: format!("no direction within reach could be aligned{advice}"),
+                reason: format!("{NO_SYMMETRY}: no direction within reach could be aligned{advice}"),
                 ..Evidence::default()
             },
         };

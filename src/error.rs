@@ -57,7 +57,7 @@ pub enum Error {
         shape: &'static str,
     },
     /// No rotational symmetry explains the data.
-    #[error("no rotational symmetry explains the data: {evidence}")]
+    #[error("{evidence}")]
     NoSymmetry {
         /// What was tried and how well it matched.
         evidence: Evidence,
