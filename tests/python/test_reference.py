@@ -106,7 +106,7 @@ def test_a_reference_taught_from_one_side_is_found_and_warned_of() -> None:
 @pytest.mark.parametrize("views", [5, 1])
 @pytest.mark.parametrize(("reference", "name"), [("propeller_3", "knob_3"), ("wheel_hub_5", "sprocket_6")])
 def test_another_part_is_refused(reference: str, name: str, views: int) -> None:
-    with pytest.raises(NoSymmetryError, match="^the scan does not fit the reference") as refusal:
+    with pytest.raises(NoSymmetryError, match=r"^the scan does not fit the reference") as refusal:
         estimated(scanned(name, views, 2), reference=taught(reference)[0])
     evidence = refusal.value.evidence
     assert isinstance(evidence, dict)
