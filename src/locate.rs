@@ -7,7 +7,7 @@ use crate::cloud::PointCloud;
 use crate::config::TrackingParams;
 use crate::error::{Error, Result};
 use crate::estimate::Estimator;
-use crate::prepare::{Prepared, prepare};
+use crate::prepare::{Prepared, is_on_plate, prepare};
 use crate::result::Estimate;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -23,6 +23,10 @@ pub(crate) const TRACKED: f64 = Estimate::TRUSTWORTHY;
 /// another.
 const FOLLOWED: f64 = 0.8;
 
+/// Advice where a plate was taken for a piece of the part, of which it may be one.
+const PLATE: &str =
+    "; if what stands on the plate is the part, set ground = \"on\", which leaves the plate out";
+
 /// A surface with the axis that was found for it, and the axes that a search considered.
 pub(crate) struct Aligned {
     pub(crate) prepared: Prepared,
@@ -30,10 +34,35 @@ pub(crate) struct Aligned {
     pub(crate) settled: Settled,
 }
 
+impl Aligned {
+    /// Whether this is no pose to act on.
+    fn is_doubtful(&self) -> bool {
+        self.settled.ambiguous || self.prepared.trust(&self.settled.score) < TRACKED
+    }
+}
+
 impl Estimator {
     /// The part in a cloud, about the best axis that the search finds.
     pub(crate) fn search(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
-        self.search_on(self.prepare(cloud, None, stages)?, stages)
+        let prepared = self.prepare(cloud, None, stages)?;
+        let has_ground = prepared.ground.is_some();
+        // Together with a plate that it is fixed to, hardly a part is symmetric.
+        let is_on_plate = || !has_ground && is_on_plate(cloud, self.config()).unwrap_or(false);
+        match self.search_on(prepared, stages) {
+            Ok(mut aligned) => {
+                if aligned.is_doubtful() && is_on_plate() {
+                    aligned.settled.warnings.push(PLATE.to_owned());
+                }
+                Ok(aligned)
+            }
+            Err(Error::NoSymmetry { mut evidence }) => {
+                if is_on_plate() {
+                    evidence.reason += &format!("; {PLATE}");
+                }
+                Err(Error::NoSymmetry { evidence })
+            }
+            error => error,
+        }
     }
 
     /// Refines the axis of an earlier pose: on a few points, where that is not certain on all of them, and where that is

@@ -50,12 +50,17 @@ pub(crate) fn remarks(
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
     let ambiguity = ambiguity.or_else(|| beyond_sight(&prepared.surface, score));
+    let is_half_seen = is_open && !one_view && visibility.is_some();
+    let unseen_half = UnseenHalf::found(detection, score).filter(|_| is_half_seen);
+    let ambiguity =
+        ambiguity.or_else(|| unseen_half.as_ref().filter(|half| half.is_ambiguous()).map(UnseenHalf::remark));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if is_open {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
+        warnings.extend(unseen_half.filter(|half| !half.is_ambiguous()).map(|half| half.remark()));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(details);
     }
@@ -111,6 +116,33 @@ fn half_turn(detection: &Detection, one_view: bool, unknown: bool) -> Option<Str
     })
 }
 
+/// Share of the surface that a half turn brings to where no view shows anything, as it brings the mouth of a mug to its
+/// underside.
+struct UnseenHalf(f64);
+
+impl UnseenHalf {
+    fn found(detection: &Detection, score: &MatchScore) -> Option<Self> {
+        /// From which on it is worth a remark.
+        const MUCH: f64 = 0.25;
+        let share = score.hidden_share();
+        (detection.order == Some(Order::Cyclic(2)) && share > MUCH).then_some(Self(share))
+    }
+
+    /// Whether too little is left in sight to tell.
+    fn is_ambiguous(&self) -> bool {
+        self.0 > 2.0 / 3.0
+    }
+
+    fn remark(&self) -> String {
+        format!(
+            "{}the half turn brings {:.0} % of the surface out of sight, where nothing can contradict it: add a view of that, or \
+             declare the order",
+            if self.is_ambiguous() { "ambiguous: " } else { "" },
+            100.0 * self.0
+        )
+    }
+}
+
 /// Says so when the turns of an order take much of the only view out of sight, where they cannot be contradicted: a
 /// two-bladed propeller seen edge-on looks two-fold about other axes, too.
 fn out_of_sight(declared: Order, score: &MatchScore) -> Option<String> {
@@ -120,8 +152,7 @@ fn out_of_sight(declared: Order, score: &MatchScore) -> Option<String> {
         Order::Auto => 0.75,
         _ => return None,
     };
-    let [_, _, _, hidden] = score.counts();
-    let share = hidden / score.counts().iter().sum::<f64>();
+    let share = score.hidden_share();
     (share > most).then(|| {
         format!(
             "ambiguous: the symmetry brings {:.0} % of what the only view shows out of sight, and another axis may explain \
@@ -136,8 +167,7 @@ fn out_of_sight(declared: Order, score: &MatchScore) -> Option<String> {
 fn beyond_sight(surface: &Surface, score: &MatchScore) -> Option<String> {
     /// Share of it that may come to lie there: noise at the rim.
     const MOST: f64 = 0.03;
-    let [_, _, _, hidden] = score.counts();
-    let share = hidden / score.counts().iter().sum::<f64>();
+    let share = score.hidden_share();
     (share > MOST && surface.is_flat()).then(|| {
         format!(
             "ambiguous: all that was measured lies in one plane, and the symmetry brings {:.0} % of it to where no camera \

@@ -100,6 +100,30 @@ fn flat_faces_of_a_part_stay() {
 }
 
 #[test]
+fn a_plate_with_its_sides_in_sight_is_removed_where_it_is_said_to_be_there() {
+    let mut random = Random(6);
+    let mut points = drum(&mut random);
+    let kept = points.len();
+    let mut plate = ring(&mut random, 12_000, 0.0, 0.8, 0.0);
+    plate.retain(|[x, y, _]| x.hypot(*y) > 0.4);
+    plate.extend(wall(&mut random, 3000, 0.8, [-0.3, 0.0]));
+    // Off the middle, so that it is no flange.
+    points.extend(plate.iter().map(|[x, y, z]| [x + 0.2, y + 0.1, *z]).filter(|[x, y, _]| x.hypot(*y) > 0.4));
+    assert!(found(&points, Some(EYE), GroundMode::Auto).is_none());
+    let ground = found(&points, Some(EYE), GroundMode::On).unwrap();
+    let of_drum = ground.kept.iter().filter(|&&i| (i as usize) < kept).count();
+    assert!(ground.plane[2] > 0.999 && of_drum > kept * 9 / 10 && ground.kept.len() < of_drum + 50);
+    // A table below both is what they stand on.
+    let on_plate = points.len();
+    points.extend(table(&mut random).into_iter().map(|[x, y, z]| [x, y, z - 0.3]));
+    for mode in [GroundMode::Auto, GroundMode::On] {
+        let ground = found(&points, Some(EYE), mode).unwrap();
+        assert!((ground.plane[3] - 0.3).abs() < 0.01, "{:?}", ground.plane);
+        assert!(ground.kept.iter().filter(|&&i| (i as usize) < on_plate).count() > kept);
+    }
+}
+
+#[test]
 fn nothing_is_a_table_that_is_seen_from_below() {
     let mut random = Random(4);
     let mut points = drum(&mut random);

@@ -59,6 +59,11 @@ def _as_real(value: ArrayLike, name: str) -> NDArray[np.generic]:
     except ValueError as error:
         raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
     if array.dtype.kind not in "fiub":
+        if hasattr(value, "points"):
+            kind = type(value).__name__
+            raise InvalidInputError(f"{name} must be an array, got {kind}; pass the points that it holds")
+        if array.dtype == object and array.size and hasattr(array.flat[0], "points"):
+            raise InvalidInputError(f"{name} is a list of scenes or clouds; join them, with Scene.merge")
         raise InvalidInputError(f"{name} must hold real numbers, got dtype {array.dtype}")
     if np.ma.is_masked(value):
         # `asarray` shows the numbers under the mask.
@@ -68,5 +73,7 @@ def _as_real(value: ArrayLike, name: str) -> NDArray[np.generic]:
 
 def _checked_rows(array: NDArray[T], name: str) -> NDArray[T]:
     if array.ndim != 2 or array.shape[1] != 3:
-        raise InvalidInputError(f"{name} must have shape (N, 3), got {array.shape}")
+        organised = array.ndim == 3 and array.shape[2] == 3
+        advice = "; an organised cloud is .reshape(-1, 3)" if organised else ""
+        raise InvalidInputError(f"{name} must have shape (N, 3), got {array.shape}{advice}")
     return array

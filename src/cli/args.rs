@@ -24,7 +24,8 @@ Exit codes: 0 done, 1 no trustworthy pose, 2 bad usage or input, 130 cancelled."
 
 /// Pose of a rotationally symmetric part from a raw point cloud, without a CAD model.
 ///
-/// Scans are PLY, PCD or text files (XYZ, TXT, CSV). Lengths are in the unit of the file.
+/// Scans are PLY, PCD or text files (XYZ, TXT, CSV); the Python package also reads NPY, NPZ and COLMAP folders. Lengths are in
+/// the unit of the file.
 #[derive(Debug, Parser)]
 #[command(name = "sympose", version, after_help = EXAMPLES, allow_negative_numbers = true)]
 pub(super) struct Cli {

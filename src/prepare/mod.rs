@@ -11,8 +11,9 @@ mod voxels;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 use crate::cloud::PointCloud;
-use crate::config::{Config, NonFinite, TrackingParams};
+use crate::config::{Config, GroundMode, NonFinite, TrackingParams};
 use crate::error::{Error, Result};
+use crate::preprocess::Support;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::score::MatchScore;
@@ -24,7 +25,7 @@ use clean::{Cleaned, clean};
 use patches::Patches;
 use resolution::width;
 use scene::{Scene, enough};
-use support::{Part, cut_out};
+use support::{Part, cut_out, find_under};
 use voxels::Voxels;
 
 /// The surface of the part in a frame that turns with the data, and where it came from.
@@ -137,6 +138,12 @@ pub(crate) fn prepare(
         outward: part.has_viewpoints(),
         toward_sensors,
     })
+}
+
+/// Whether there is a plate, its sides in sight, that a part may be fixed to; never where the caller said whether there is one.
+pub(crate) fn is_on_plate(cloud: &PointCloud, config: &Config) -> Result<bool> {
+    let is_open = config.ground == GroundMode::Auto;
+    Ok(is_open && find_under(&Scene::new(cloud, config)?, Support::Plate, config)?.is_some())
 }
 
 /// Notes how many points there are, and fails where some are not finite and none may be.

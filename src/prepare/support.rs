@@ -2,9 +2,9 @@
 
 use super::scene::{Scene, enough};
 use super::stacks::Floor;
-use crate::config::{ClusterMode, Config};
+use crate::config::{ClusterMode, Config, GroundMode};
 use crate::error::Result;
-use crate::preprocess::{Ground, find_ground};
+use crate::preprocess::{Ground, Support, find_support};
 use crate::stages::Stages;
 
 /// How far around a region of interest its support is looked for [extents of the region].
@@ -24,7 +24,13 @@ pub(super) struct Part<'a> {
 
 /// Leaves out the support plane and, where there is one, what stands apart from the largest thing on it.
 pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages) -> Result<Part<'a>> {
-    let Some(Ground { plane, kept, reason, removed, .. }) = find_support(&scene, config)? else {
+    let support = match config.ground {
+        GroundMode::Off => None,
+        GroundMode::Auto => Some(Support::Sheet),
+        GroundMode::On => Some(Support::Any),
+    };
+    let found = support.map(|support| find_under(&scene, support, config)).transpose()?.flatten();
+    let Some(Ground { plane, kept, reason, removed, .. }) = found else {
         return Ok(Part { scene, ground: None, region: None, beside: 0.0 });
     };
     stages.text("ground", &reason);
@@ -47,9 +53,9 @@ fn without(points: &[[f64; 3]], kept: &[u32]) -> Vec<[f64; 3]> {
 }
 
 /// The plane that the part stands on; its `kept` and `removed` are of the points of `scene`.
-fn find_support(scene: &Scene, config: &Config) -> Result<Option<Ground>> {
+pub(super) fn find_under(scene: &Scene, support: Support, config: &Config) -> Result<Option<Ground>> {
     let find = |scene: &Scene| {
-        find_ground(&scene.points, |i| scene.viewpoint(i), &config.plane, config.ground, config.seed)
+        find_support(&scene.points, |i| scene.viewpoint(i), &config.plane, support, config.seed)
     };
     let within = find(scene)?;
     let Some(roi) = config.roi.filter(|_| within.is_none()) else { return Ok(within) };

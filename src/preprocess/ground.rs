@@ -51,6 +51,17 @@ impl Default for GroundParams {
     }
 }
 
+/// What a support is taken for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Support {
+    /// A table: nothing is below it.
+    Sheet,
+    /// A plate, whose sides are seen below its rim. A flange of the part itself looks much the same.
+    Plate,
+    /// Either, and whatever it looks like.
+    Any,
+}
+
 /// A support plane that was removed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ground {
@@ -88,12 +99,15 @@ const OVERHANG: f64 = 1.0;
 const UNEVEN: f64 = 0.011;
 const PATCH: f64 = 0.3;
 
+/// How far inward from the outline of a plate its sides may be [radii of the outline].
+const RIM: f64 = 0.05;
+
 /// Margin about the outline, and depth below it, within which nothing else may be [radii of the outline].
 const NEAR: f64 = 0.3;
 
 /// Looks for the plane that the part stands on, and removes it with everything below and beside it.
 ///
-/// A support is seen from above only, has nothing below it, is filled nearly to its outline, reaches beyond what stands
+/// A support is seen from above only, has nothing below it (but its own sides, with [`GroundMode::On`]), is filled nearly to its outline, reaches beyond what stands
 /// on it, and its outline has nothing to do with the symmetry of the part: it is cut off by the picture or an edge.
 ///
 /// `viewpoint_of` gives for a point the position it was seen from, where known; `seed` is that of the samples.
@@ -124,17 +138,33 @@ pub fn find_ground(
     mode: GroundMode,
     seed: u64,
 ) -> Result<Option<Ground>> {
+    let kind = match mode {
+        GroundMode::Off => {
+            check_finite(points)?;
+            return Ok(None);
+        }
+        GroundMode::Auto => Support::Sheet,
+        GroundMode::On => Support::Any,
+    };
+    find_support(points, viewpoint_of, params, kind, seed)
+}
+
+/// [`find_ground`] for one kind of support.
+pub(crate) fn find_support(
+    points: &[[f64; 3]],
+    viewpoint_of: impl Fn(usize) -> Option<[f64; 3]> + Sync,
+    params: &GroundParams,
+    kind: Support,
+    seed: u64,
+) -> Result<Option<Ground>> {
     check_finite(points)?;
-    if mode == GroundMode::Off {
-        return Ok(None);
-    }
     let chosen = even_sample(points.len(), LOOKED_AT, seed);
     let sample: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i]).collect();
     let sensors: Vec<Option<[f64; 3]>> = chosen.iter().map(|&i| viewpoint_of(i)).collect();
     let fields = Fields::new(&sample, &sensors);
     let scene = SeenPoints { points: &sample, sensors: &sensors, fields: &fields };
     let mut remaining = sample.clone();
-    let mut found = None;
+    let mut found: Option<(Found, f64)> = None;
     for round in 0..params.max_planes {
         let Some((plane, band)) = dominant_plane(&remaining, params, seed.wrapping_add(round as u64)) else {
             break;
@@ -145,13 +175,13 @@ pub fn find_ground(
             break;
         }
         // Each plane is judged against everything else, other planes included.
-        let Some(support) = scene.support(plane, band, params, mode) else { continue };
-        // A foot in sight tells more than the size of the plane.
-        let is_touched = support.is_touched;
-        if is_touched || found.is_none() {
+        let Some(support) = scene.support(plane, band, params, kind) else { continue };
+        // A foot in sight tells more than the size of the plane, and so does that nothing is below it: a flange has sides, too.
+        let (worth, best) = (support.worth(), (true, true));
+        if found.as_ref().is_none_or(|(most, _)| worth > most.worth()) {
             found = Some((support, band));
         }
-        if is_touched {
+        if worth == best {
             break;
         }
     }
@@ -166,17 +196,24 @@ struct SeenPoints<'a> {
 }
 
 /// A plane that passed as a support.
-struct Support {
+struct Found {
     /// Toward what stands on it.
     plane: HalfSpace,
     axes: PlaneAxes,
     outline: Outline,
     /// Whether something reaches down to it; otherwise its foot is out of sight.
     is_touched: bool,
+    /// Whether sides are seen below its rim.
+    has_sides: bool,
     reason: String,
 }
 
-impl Support {
+impl Found {
+    /// The more, the sooner this is what the part stands on.
+    fn worth(&self) -> (bool, bool) {
+        (self.is_touched, !self.has_sides)
+    }
+
     /// Removes the plane, `band` to either side of it, from `points`.
     fn cut(self, points: &[[f64; 3]], band: f64) -> Option<Ground> {
         let plane = self.plane.refitted(points, band)?;
@@ -209,13 +246,7 @@ impl PlaneAxes {
 
 impl SeenPoints<'_> {
     /// Judges a plane; `None` when it is no support.
-    fn support(
-        &self,
-        plane: HalfSpace,
-        band: f64,
-        params: &GroundParams,
-        mode: GroundMode,
-    ) -> Option<Support> {
+    fn support(&self, plane: HalfSpace, band: f64, params: &GroundParams, kind: Support) -> Option<Found> {
         let axes = PlaneAxes::new(&plane.normal);
         let height = |i: usize| plane.distance(&self.points[i]).abs();
         let on = self.connected((0..self.points.len()).filter(|&i| height(i) <= band).collect())?;
@@ -241,13 +272,18 @@ impl SeenPoints<'_> {
             .copied()
             .filter(|&i| signed(i) > 0.0)
             .partition(|&i| over(i) || !self.fields.show(&foot(i)));
-        let below = near.iter().filter(|&&i| (-NEAR * radius..0.0).contains(&signed(i))).count();
+        let is_side = |i: &usize| !outline.contains(axes.flat(&self.points[*i]), -RIM * radius);
+        let is_below = |i: &usize| (-NEAR * radius..0.0).contains(&signed(*i));
+        let (sides, below): (Vec<usize>, Vec<usize>) =
+            near.iter().copied().filter(is_below).partition(is_side);
         let beside = beside.len();
         if (above.len() as f64) < MOSTLY * (above.len() + beside) as f64 {
             return None;
         }
-        let share = above.len() as f64 / (above.len() + below).max(1) as f64;
-        if above.len() < MIN_REST || share < params.one_sided {
+        let share_above = |others: usize| above.len() as f64 / (above.len() + others).max(1) as f64;
+        let share = share_above(below.len());
+        let has_sides = share_above(below.len() + sides.len()) < params.one_sided;
+        if above.len() < MIN_REST || share < params.one_sided || has_sides && kind == Support::Sheet {
             return None;
         }
         // A wall has a room before it, but what is there does not touch it.
@@ -276,7 +312,7 @@ impl SeenPoints<'_> {
                 || is_face(&outline, &things, seen, params)
                 || self.is_uneven(&on, &plane, &axes, radius)
         };
-        if mode == GroundMode::Auto && is_of_the_part() {
+        if kind != Support::Any && is_of_the_part() {
             return None;
         }
         let reason = format!(
@@ -284,7 +320,7 @@ impl SeenPoints<'_> {
             100.0 * share,
             100.0 * free
         );
-        Some(Support { plane, axes, outline, is_touched, reason })
+        Some(Found { plane, axes, outline, is_touched, has_sides, reason })
     }
 
     /// Whether the points `on` a plane are rather blades, or a dished disc, between two planes.

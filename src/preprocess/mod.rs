@@ -47,6 +47,7 @@ pub use cluster::{ClusterParams, Clusters, main_cluster};
 pub(crate) use disjoint_sets::DisjointSets;
 pub(crate) use grid::sure_cell;
 pub use ground::{Ground, GroundParams, find_ground};
+pub(crate) use ground::{Support, find_support};
 pub use layers::{Layers, voxel_layers};
 pub use neighbors::{KNeighbors, median_spacing};
 pub use normals::{NormalParams, Normals, estimate_normals, normals_from_neighbors, orient_normals};

@@ -81,6 +81,11 @@ impl MatchScore {
         [self.matched, self.contradicted, self.missing, self.hidden].map(|n| n as f64)
     }
 
+    /// Share of the points of which no camera can tell, in [0, 1].
+    pub(crate) fn hidden_share(&self) -> f64 {
+        share(self.hidden as f64, (self.matched + self.contradicted + self.missing) as f64)
+    }
+
     pub(crate) fn count(mut self, outcome: Outcome) -> Self {
         match outcome {
             Outcome::Matched => self.matched += 1,

@@ -11,7 +11,7 @@ trimesh = pytest.importorskip("trimesh")
 for library in ("manifold3d", "embreex"):
     pytest.importorskip(library)
 
-from sympose.datasets import Part, part, scan  # noqa: E402
+from sympose.datasets import Part, Scan, part, scan  # noqa: E402
 
 
 def clamped(name: str, at: list[float], extents: list[float]) -> Part:
@@ -30,3 +30,45 @@ def test_a_declared_order_looks_past_a_clamp(seed: int) -> None:
     assert np.linalg.norm(np.cross(found.center - held.center, held.axis)) < 0.001
     with pytest.raises(sympose.NoSymmetryError, match="such as what holds the part, set roi"):
         sympose.estimate(held.scene)
+
+
+PLATE = 'what stands on the plate is the part, set ground = "on"'
+
+
+def on_plate(name: str, thickness: float) -> Scan:
+    """Three views from above of a part on a plate, off its middle, with edges in sight."""
+    low = part(name).mesh.bounds[0, 2]
+    whole = clamped(name, [0.07, 0.04, low - 0.5 * thickness], [1.3, 1.3, thickness])
+    return scan(whole, "upper", views=3, seed=1)
+
+
+@pytest.mark.parametrize(("name", "thickness"), [("propeller_3", 0.05), ("wheel_hub_5", 0.2)])
+def test_a_plate_under_a_part_is_named_and_left_out_on_request(name: str, thickness: float) -> None:
+    seen = on_plate(name, thickness)
+    with pytest.raises(sympose.NoSymmetryError, match=PLATE):
+        sympose.estimate(seen.scene)
+    found = sympose.estimate(seen.scene, config=sympose.Config(ground="on"))
+    assert found.order == part(name).order
+    assert found.ground is not None
+    assert found.score > 0.9
+    assert abs(found.axis @ seen.axis) > np.cos(np.radians(0.1))
+
+
+def test_a_plate_is_named_where_an_answer_is_in_doubt() -> None:
+    found = sympose.estimate(on_plate("sprocket_6", 0.2).scene)
+    assert found.score < 0.5
+    assert any(PLATE in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("views", [2, 3])
+def test_a_half_turn_that_hides_much_is_said_to(views: int) -> None:
+    # About its handle a mug turns its mouth to the underside, which no view from above shows.
+    mug = scan(part("mug"), "table", views=views, seed=3)
+    found = sympose.estimate(mug.scene)
+    assert found.order == 2
+    assert any("out of sight, where nothing can contradict it" in warning for warning in found.warnings)
+    # What shows its faces has nothing to hide.
+    propeller = scan(part("propeller_2"), "upper", views=views, seed=1)
+    found = sympose.estimate(propeller.scene)
+    assert found.order == 2
+    assert not any("out of sight" in warning for warning in found.warnings)

@@ -166,6 +166,16 @@ def test_far_from_the_origin_nothing_is_lost(part: Part, estimate: sympose.Estim
     assert np.abs(found.center - offset - estimate.center).max() < 1e-6
 
 
+def test_what_is_no_array_of_points_is_named(part: Part) -> None:
+    scene = Scene(part.points)
+    with pytest.raises(InvalidInputError, match=r"\(4, 3, 3\); an organised cloud is \.reshape\(-1, 3\)"):
+        sympose.estimate(np.zeros((4, 3, 3)))
+    with pytest.raises(InvalidInputError, match="a list of scenes or clouds; join them"):
+        sympose.estimate([scene, scene])
+    with pytest.raises(InvalidInputError, match="must be an array, got Scene; pass the points that it holds"):
+        sympose.write("scan.ply", scene)
+
+
 BAD_SHAPES = np.zeros(3), np.zeros((5, 4)), np.zeros((2, 2, 3)), 7.0, [], [[1, 2]], ["a", "b"]
 
 

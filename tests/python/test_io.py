@@ -324,6 +324,14 @@ def test_viewpoints_are_written_where_the_format_holds_them(tmp_path):
             write_scene(tmp_path / name, Scene(POINTS, viewpoints=viewpoints))
 
 
+@pytest.mark.parametrize("suffix", ["npy", "npz"])
+@pytest.mark.parametrize("shape", [(20, 3), (4, 5, 3)])
+def test_an_array_without_a_name(tmp_path, suffix, shape):
+    save = np.save if suffix == "npy" else np.savez
+    save(tmp_path / f"cloud.{suffix}", POINTS.reshape(shape))
+    np.testing.assert_array_equal(read(tmp_path / f"cloud.{suffix}").points, POINTS)
+
+
 @pytest.mark.parametrize("key", ["depth", "depth_m"])
 def test_npz_with_a_depth_image(tmp_path, key):
     depth = np.full((4, 5), 2000, dtype=np.uint16)
@@ -447,7 +455,7 @@ def test_ply_without_vertices_or_coordinates(tmp_path):
 
 
 def test_npy_of_the_wrong_shape_or_type(tmp_path):
-    for array in (POINTS[:, :2], POINTS[0], POINTS[None], np.array(["a"]), np.empty((0, 3))):
+    for array in (POINTS[:, :2], POINTS[0], POINTS[None, None], np.array(["a"]), np.empty((0, 3))):
         np.save(tmp_path / "cloud.npy", array)
         with pytest.raises(InvalidInputError, match=r"cloud\.npy"):
             read(tmp_path / "cloud.npy")

@@ -18,14 +18,15 @@ __all__ = ["read_npy", "read_npz", "write_npy", "write_npz"]
 
 
 def read_npy(path: Path) -> Scene:
-    """Read an (N, 3) array of points, or (N, 6) and (N, 9) with normals or colours or both."""
-    table = as_floats(np.load(path, allow_pickle=False), str(path))
-    columns = split_unnamed(table, str(path))
-    return Scene(columns["points"], to_colors(columns.get("colors")), columns.get("normals"), name=path.name)
+    """Read an (N, 3) array of points, or (N, 6) and (N, 9) with normals or colours or both.
+
+    An organised cloud has the shape (H, W, 3), and is read row by row.
+    """
+    return _unnamed(np.load(path, allow_pickle=False), path)
 
 
 def read_npz(path: Path) -> Scene:
-    """Read the keys points, normals, colors, viewpoints; or a depth image and its K."""
+    """Read the keys points, normals, colors, viewpoints; a depth image and its K; or an unnamed array."""
     # Opened here, since np.load leaves a damaged archive open.
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         keys = set(archive.files)
@@ -37,6 +38,8 @@ def read_npz(path: Path) -> Scene:
                 archive["viewpoints"] if "viewpoints" in keys else None,
                 name=path.name,
             )
+        if keys == {"arr_0"}:
+            return _unnamed(archive["arr_0"], path)
         depth_key = next((key for key in ("depth", "depth_m") if key in keys), None)
         if depth_key is not None and "K" in keys:
             depth = archive[depth_key]
@@ -73,6 +76,13 @@ def write_npz(path: Path, scene: Scene, single: bool) -> None:
     if scene.viewpoints is not None:
         arrays["viewpoints"] = scene.viewpoints
     np.savez_compressed(path, allow_pickle=False, **arrays)
+
+
+def _unnamed(array: NDArray[Any], path: Path) -> Scene:
+    """What an array without names for its columns holds."""
+    table = as_floats(array, str(path))
+    columns = split_unnamed(table.reshape(-1, table.shape[-1]) if table.ndim == 3 else table, str(path))
+    return Scene(columns["points"], to_colors(columns.get("colors")), columns.get("normals"), name=path.name)
 
 
 def _real(single: bool) -> type[np.float32] | type[np.float64]:
