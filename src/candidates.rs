@@ -165,7 +165,9 @@ impl Estimator {
 
     /// The axis that the caller expects, in the frame of the surface.
     pub(crate) fn hint(&self, prepared: &Prepared) -> Option<Vector3<f64>> {
-        self.config().axis_hint.map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint))
+        self.config()
+            .axis_hint
+            .map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint).normalize())
     }
 
     /// Whether an axis that began near the hint has ended elsewhere.

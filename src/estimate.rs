@@ -162,8 +162,7 @@ impl Estimator {
                 order,
                 preferred: preferred(request, &prepared),
             };
-            let control = &request.control;
-            posed = register(reference, &scan, &prepared, &detection, &mut stages, &mut warnings, control)?;
+            posed = register(reference, &scan, &prepared, &detection, &score, &mut stages, &mut warnings)?;
         }
         let Posed { local_from_object, covariance, unobservable } = posed;
         let is_free = unobservable.contains(&FreeDirection::Tilt);
@@ -221,7 +220,7 @@ impl Estimator {
         if is_turned_over {
             folded = fold_about(&axis);
         }
-        let completion = complete(&refined.points, &axis, *order, prepared.voxel_size);
+        let completion = complete(&refined.points, &axis, *order, prepared.voxel_size)?;
 
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
@@ -371,11 +370,11 @@ fn register(
     scan: &PartScan,
     prepared: &Prepared,
     detection: &Detection,
+    score: &MatchScore,
     stages: &mut Stages,
     warnings: &mut Vec<String>,
-    control: &Control,
 ) -> Result<Posed> {
-    let registered = reference.register(scan, control)?;
+    let registered = reference.register(scan, stages.control())?;
     stages.number("reference_overlap", registered.overlap);
     stages.number("reference_sigma", registered.sigma);
     let local_from_object = registered.scan_from_object;
@@ -385,7 +384,7 @@ fn register(
             axis: (world_from_object * Vector3::z()).into(),
             center: world_from_object.translation.vector.into(),
             explained: detection.explained,
-            score: registered.overlap,
+            score: score.value(),
             reason: format!("the scan does not fit the reference: {reason}"),
         };
         return Err(Error::NoSymmetry { evidence });

@@ -4,10 +4,11 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::TrackingParams;
-use crate::error::{Error, Result};
+use crate::config::{GroundMode, TrackingParams};
+use crate::error::{Error, Evidence, Result};
 use crate::estimate::Estimator;
-use crate::prepare::{Prepared, is_on_plate, prepare};
+use crate::prepare::{Plate, Prepared, find_plate, prepare};
+use crate::preprocess::Support;
 use crate::result::Estimate;
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -23,9 +24,13 @@ pub(crate) const TRACKED: f64 = Estimate::TRUSTWORTHY;
 /// another.
 const FOLLOWED: f64 = 0.8;
 
+/// Remark where the whole has no symmetry, but what stands on a plate has.
+const OFF_PLATE: &str = "the part was taken to stand on a plate, which was left out: nothing fits with it; set ground = \"off\" if \
+                         the plate is of the part";
+
 /// Advice where a plate was taken for a piece of the part, of which it may be one.
-const PLATE: &str =
-    "; if what stands on the plate is the part, set ground = \"on\", which leaves the plate out";
+const ON_PLATE: &str =
+    "if what stands on the plate is the part, set ground = \"on\", which leaves the plate out";
 
 /// A surface with the axis that was found for it, and the axes that a search considered.
 pub(crate) struct Aligned {
@@ -44,25 +49,50 @@ impl Aligned {
 impl Estimator {
     /// The part in a cloud, about the best axis that the search finds.
     pub(crate) fn search(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
-        let prepared = self.prepare(cloud, None, stages)?;
-        let has_ground = prepared.ground.is_some();
-        // Together with a plate that it is fixed to, hardly a part is symmetric.
-        let is_on_plate = || !has_ground && is_on_plate(cloud, self.config()).unwrap_or(false);
-        match self.search_on(prepared, stages) {
-            Ok(mut aligned) => {
-                if aligned.is_doubtful() && is_on_plate() {
-                    aligned.settled.warnings.push(PLATE.to_owned());
-                }
+        let prepared = self.prepare(cloud, self.support(), None, stages)?;
+        let may_stand_on_plate = prepared.ground.is_none() && self.config().ground == GroundMode::Auto;
+        let answer = self.search_on(prepared, stages);
+        match answer {
+            Ok(mut aligned) if may_stand_on_plate && aligned.is_doubtful() => {
+                let plate = find_plate(cloud, self.config())?;
+                aligned.settled.warnings.extend(plate.map(|_| ON_PLATE.to_owned()));
                 Ok(aligned)
             }
-            Err(Error::NoSymmetry { mut evidence }) => {
-                if is_on_plate() {
-                    evidence.reason += &format!("; {PLATE}");
+            Err(Error::NoSymmetry { evidence }) if may_stand_on_plate => {
+                match find_plate(cloud, self.config())? {
+                    Some(plate) => self.search_on_plate(cloud, &plate, evidence, stages),
+                    None => Err(Error::NoSymmetry { evidence }),
                 }
-                Err(Error::NoSymmetry { evidence })
             }
-            error => error,
+            answer => answer,
         }
+    }
+
+    /// [`Estimator::search`] without a plate: together with one that it is fixed to, hardly a part is symmetric. `refusal` is that of
+    /// the whole.
+    fn search_on_plate(
+        &self,
+        cloud: &PointCloud,
+        plate: &Plate,
+        mut refusal: Evidence,
+        stages: &mut Stages,
+    ) -> Result<Aligned> {
+        if plate.is_seen_from_above {
+            let off_plate = self.prepare(cloud, Some(Support::Plate), None, stages);
+            match off_plate.and_then(|prepared| self.search_on(prepared, stages)) {
+                // Round bosses and holes of two-fold outline are on many a part without symmetry.
+                Ok(mut aligned)
+                    if matches!(aligned.settled.order, Order::Cyclic(3..)) && !aligned.is_doubtful() =>
+                {
+                    aligned.settled.warnings.push(OFF_PLATE.to_owned());
+                    return Ok(aligned);
+                }
+                Ok(_) | Err(Error::NoSymmetry { .. } | Error::InsufficientData { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        refusal.reason += &format!("; {ON_PLATE}");
+        Err(Error::NoSymmetry { evidence: refusal })
     }
 
     /// Refines the axis of an earlier pose: on a few points, where that is not certain on all of them, and where that is
@@ -73,7 +103,7 @@ impl Estimator {
         initial: Isometry3<f64>,
         stages: &mut Stages,
     ) -> Result<Aligned> {
-        let prepared = match self.prepare(cloud, Some(&self.config().tracking), stages) {
+        let prepared = match self.prepare(cloud, self.support(), Some(&self.config().tracking), stages) {
             // What is too little here may be enough without tracking.
             Err(Error::InsufficientData { .. }) => None,
             prepared => Some(prepared?),
@@ -84,7 +114,7 @@ impl Estimator {
             return Ok(tracked);
         }
         stages.text("tracking", "not certain on fewer points: refined on all");
-        let prepared = self.prepare(cloud, None, stages)?;
+        let prepared = self.prepare(cloud, self.support(), None, stages)?;
         match self.refine_from(prepared, initial, TRACKED, stages)? {
             Ok(tracked) => Ok(tracked),
             Err(prepared) => {
@@ -148,13 +178,23 @@ impl Estimator {
         Ok(Aligned { prepared, candidates, settled })
     }
 
+    /// What a part may stand on.
+    fn support(&self) -> Option<Support> {
+        match self.config().ground {
+            GroundMode::Auto => Some(Support::Sheet),
+            GroundMode::On => Some(Support::Any),
+            GroundMode::Off => None,
+        }
+    }
+
     fn prepare(
         &self,
         cloud: &PointCloud,
+        support: Option<Support>,
         tracking: Option<&TrackingParams>,
         stages: &mut Stages,
     ) -> Result<Prepared> {
         stages.begin("input")?;
-        prepare(cloud, self.config(), tracking, stages)
+        prepare(cloud, self.config(), support, tracking, stages)
     }
 }

@@ -131,7 +131,7 @@ impl ProposeParams {
         self.samples.iter().try_for_each(|&samples| at_least_one("propose.samples", samples))?;
         self.kept.iter().try_for_each(|&kept| at_least_one("propose.kept", kept))?;
         repeats("propose.max_turns", self.max_turns)?;
-        positive("propose.gate", self.gate)?;
+        gate("propose.gate", self.gate)?;
         positive("propose.distinct_angle", self.distinct_angle)?;
         positive("propose.distinct_offset", self.distinct_offset)?;
         angle("propose.max_hint_angle", self.max_hint_angle)
@@ -167,7 +167,7 @@ impl RefineParams {
         repeats("refine.max_rounds", self.max_rounds)?;
         repeats("refine.max_full_rounds", self.max_full_rounds)?;
         repeats("refine.max_joint_steps", self.max_joint_steps as usize)?;
-        positive("refine.gate", self.gate)?;
+        gate("refine.gate", self.gate)?;
         angle("refine.max_normal_angle", self.max_normal_angle)?;
         positive("refine.huber_width", self.huber_width)?;
         positive("refine.tolerance", self.tolerance)?;
@@ -212,6 +212,10 @@ fn not_negative(name: &'static str, value: f64) -> Result<()> {
 
 pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
     within(name, value, f64::MIN_POSITIVE..f64::INFINITY, "a positive, finite number")
+}
+
+fn gate(name: &'static str, value: f64) -> Result<()> {
+    within(name, value, f64::MIN_POSITIVE..=*DISTANCES.end(), "a positive number up to 1,000,000")
 }
 
 fn angle(name: &'static str, value: f64) -> Result<()> {

@@ -93,6 +93,21 @@ fn what_lies_far_from_the_part_is_not_blamed_on_a_setting_that_was_not_given() {
 }
 
 #[test]
+fn a_short_hint_is_one_all_the_same() {
+    // At right angles to the axis.
+    let hinted = |length: f64| {
+        let config = Config { axis_hint: Some([length, 0.0, 0.0]), ..cyclic(5) };
+        estimate(knob(5, 10_000), config).map(|found| found.world_from_object.to_string())
+    };
+    let [tiny, usual] = [1e-13, 1.0].map(|length| hinted(length).map_err(|refused| refused.to_string()));
+    assert_eq!(tiny, usual);
+    assert_ne!(
+        usual.ok(),
+        estimate(knob(5, 10_000), cyclic(5)).ok().map(|found| found.world_from_object.to_string())
+    );
+}
+
+#[test]
 fn messages_show_no_rows_of_digits() {
     let refused = |change: fn(&mut Config)| {
         let mut config = cyclic(5);
@@ -104,6 +119,8 @@ fn messages_show_no_rows_of_digits() {
         refused(|config| config.refine.max_normal_angle = 1e300),
         refused(|config| config.roi = Some([[1e300; 3], [-1e300; 3]])),
         refused(|config| config.axis_hint = Some([5e-324; 3])),
+        refused(|config| config.propose.gate = 1e308),
+        refused(|config| config.refine.gate = 1e308),
         PointCloud::from_points(vec![[1e300; 3]; 3]).unwrap_err().to_string(),
         voxel_downsample(&[[0.0; 3], [1e300; 3]], 1e-300).unwrap_err().to_string(),
         main_cluster(&[[0.0; 3]], &ClusterParams { distance: 1.0, keep_ratio: -1e300 })

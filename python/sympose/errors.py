@@ -28,7 +28,9 @@ class NoSymmetryError(SymposeError):
     """The cloud supports no rotational symmetry.
 
     Attributes:
-        evidence: What was measured on the way (match scores, candidates, ...), or None where nothing was.
+        evidence: A dict with `axis` and `center` (3,) of the best axis, in the world, the share of the surface
+            that it has `explained`, its match `score`, both in [0, 1], and the `reason` for the refusal; or
+            None where no axis was sought.
     """
 
     def __init__(self, message: str = "", evidence: object = None) -> None:

@@ -66,7 +66,7 @@ def estimate(
             return, and those of which a coordinate lies farther from the median than a hundred interquartile
             ranges, of the coordinate that is spread most.
         order: Order of the symmetry, a whole number of at least 2, or "continuous" for a surface of
-            revolution. None: found.
+            revolution. None: that of `config`, by default "auto": found.
         viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and
             tell free space, which makes the answer a good deal more certain. [0, 0, 0] for points in the
             frame of their camera. Without, they are found where the points come in the order in which a depth
@@ -213,9 +213,9 @@ class Watch:
         """Report how much of the segmentation is done, and look at the clock."""
         if self._listener is not None:
             self._listener("segment", _SEGMENTATION * share)
-        self.remaining()
+        self.remaining("during segmentation")
 
-    def remaining(self) -> float | None:
+    def remaining(self, when: str = "before the search") -> float | None:
         """Return the seconds that are left for the rest, or None where there is no deadline.
 
         Raises:
@@ -225,7 +225,9 @@ class Watch:
             return None
         elapsed = time.perf_counter() - self._started
         if elapsed >= self._timeout:
-            raise DeadlineExceededError(f"the deadline passed during segmentation (after {elapsed:.3f} s)")
+            raise DeadlineExceededError(
+                f"the deadline passed {when} (after {elapsed:.3f} s)"
+            )
         return self._timeout - elapsed
 
     @property

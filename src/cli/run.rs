@@ -195,6 +195,19 @@ fn read(path: &Path, given: Option<Given>, control: &Control) -> Result<Scan> {
     Ok(scan)
 }
 
+/// Writes a scan, and says what the format does not hold of it.
+fn write(path: &Path, scan: &Scan, streams: &mut Streams) -> Result<()> {
+    io::write(path, scan)?;
+    let format = Format::of(path)?;
+    if let Some([x, y, z]) = scan.viewpoint.filter(|viewpoint| !format.holds_viewpoint(*viewpoint)) {
+        streams.remark(&format!(
+            "warning: {} does not say where the sensor stood: write PCD, or give --viewpoint {x} {y} {z} to estimate\n",
+            path.display()
+        ));
+    }
+    Ok(())
+}
+
 fn filter(args: &FilterArgs, given: Option<Given>, streams: &mut Streams, control: &Control) -> Result<u8> {
     Format::of(&args.out)?;
     has_folder(&args.out)?;
@@ -223,7 +236,7 @@ fn filter(args: &FilterArgs, given: Option<Given>, streams: &mut Streams, contro
         steps.push(("statistical", scan.points.len()));
         control.check()?;
     }
-    io::write(&args.out, &scan)?;
+    write(&args.out, &scan, streams)?;
     if !args.quiet {
         for (step, points) in steps {
             streams.remark(&format!("{step:<12} {points:>10} points\n"));
@@ -252,7 +265,7 @@ fn plane(args: &PlaneArgs, given: Option<Given>, streams: &mut Streams, control:
         let mut inliers = plane.inliers.iter().copied().peekable();
         let rest: Vec<u32> =
             (0..).take(scan.points.len()).filter(|index| inliers.next_if_eq(index).is_none()).collect();
-        io::write(path, &select(&scan, &rest))?;
+        write(path, &select(&scan, &rest), streams)?;
     }
     let report = PlaneReport {
         coefficients: plane.coefficients,

@@ -85,6 +85,16 @@ impl Format {
             }
         }
     }
+
+    /// Whether a file of this format says that the sensor stood at `viewpoint`.
+    #[must_use]
+    pub fn holds_viewpoint(self, viewpoint: [f64; 3]) -> bool {
+        match self {
+            Self::Ply => viewpoint != [0.0; 3],
+            Self::Pcd => true,
+            Self::Xyz | Self::Csv => false,
+        }
+    }
 }
 
 /// Reads a scan.

@@ -11,9 +11,9 @@ mod voxels;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 use crate::cloud::PointCloud;
-use crate::config::{Config, GroundMode, NonFinite, TrackingParams};
+use crate::config::{Config, NonFinite, TrackingParams};
 use crate::error::{Error, Result};
-use crate::preprocess::Support;
+use crate::preprocess::{Ground, Support};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::score::MatchScore;
@@ -80,10 +80,11 @@ impl Prepared {
 /// Depth below the support plane from which on nothing can be of the part [diameters]; rough axes bring right points there.
 const SUNK: f64 = 0.03;
 
-/// Runs all stages before the search for the axis; with `tracking` on fewer points.
+/// Runs all stages before the search for the axis, on what stands on a `support` of this kind; with `tracking` on fewer points.
 pub(crate) fn prepare(
     cloud: &PointCloud,
     config: &Config,
+    support: Option<Support>,
     tracking: Option<&TrackingParams>,
     stages: &mut Stages,
 ) -> Result<Prepared> {
@@ -91,7 +92,7 @@ pub(crate) fn prepare(
     let scene = Scene::new(cloud, config)?;
 
     stages.begin("ground")?;
-    let Part { scene: mut part, ground, mut region, beside } = cut_out(scene, config, stages)?;
+    let Part { scene: mut part, ground, mut region, beside } = cut_out(scene, support, config, stages)?;
     if let Some(TrackingParams { points, .. }) = tracking {
         part = part.thinned(*points, &mut region);
     }
@@ -140,10 +141,20 @@ pub(crate) fn prepare(
     })
 }
 
-/// Whether there is a plate, its sides in sight, that a part may be fixed to; never where the caller said whether there is one.
-pub(crate) fn is_on_plate(cloud: &PointCloud, config: &Config) -> Result<bool> {
-    let is_open = config.ground == GroundMode::Auto;
-    Ok(is_open && find_under(&Scene::new(cloud, config)?, Support::Plate, config)?.is_some())
+/// The plate, with its sides in sight, that the part may be fixed to.
+pub(crate) fn find_plate(cloud: &PointCloud, config: &Config) -> Result<Option<Plate>> {
+    let scene = Scene::new(cloud, config)?;
+    let plate = find_under(&scene, Support::Plate, config)?;
+    Ok(plate.map(|Ground { plane: [x, y, z, d], .. }| {
+        let is_above = |place: &Vector3<f64>| Vector3::new(x, y, z).dot(place) + d > 0.0;
+        Plate { is_seen_from_above: scene.has_viewpoints() && scene.places.iter().all(is_above) }
+    }))
+}
+
+/// A plate that a part may be fixed to, or that is a piece of it.
+pub(crate) struct Plate {
+    /// Whether all sensors stood above it, as where it is fixed itself.
+    pub(crate) is_seen_from_above: bool,
 }
 
 /// Notes how many points there are, and fails where some are not finite and none may be.

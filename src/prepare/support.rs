@@ -2,7 +2,7 @@
 
 use super::scene::{Scene, enough};
 use super::stacks::Floor;
-use crate::config::{ClusterMode, Config, GroundMode};
+use crate::config::{ClusterMode, Config};
 use crate::error::Result;
 use crate::preprocess::{Ground, Support, find_support};
 use crate::stages::Stages;
@@ -22,13 +22,13 @@ pub(super) struct Part<'a> {
     pub(super) beside: f64,
 }
 
-/// Leaves out the support plane and, where there is one, what stands apart from the largest thing on it.
-pub(super) fn cut_out<'a>(scene: Scene<'a>, config: &Config, stages: &mut Stages) -> Result<Part<'a>> {
-    let support = match config.ground {
-        GroundMode::Off => None,
-        GroundMode::Auto => Some(Support::Sheet),
-        GroundMode::On => Some(Support::Any),
-    };
+/// Leaves out a support of this kind and, where there is one, what stands apart from the largest thing on it.
+pub(super) fn cut_out<'a>(
+    scene: Scene<'a>,
+    support: Option<Support>,
+    config: &Config,
+    stages: &mut Stages,
+) -> Result<Part<'a>> {
     let found = support.map(|support| find_under(&scene, support, config)).transpose()?.flatten();
     let Some(Ground { plane, kept, reason, removed, .. }) = found else {
         return Ok(Part { scene, ground: None, region: None, beside: 0.0 });

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use super::input::Input;
 use super::interrupt::interruptible;
-use super::{arrays, errors};
+use super::{arrays, errors, pool};
 use crate::cli::{self, Given};
 use crate::io::Scan;
 
@@ -44,7 +44,12 @@ pub(super) fn cli_main(
         (None, Some(cloud)) => Some(cloud.given(py)?),
         (None, None) => None,
     };
-    interruptible(py, None, move |cancel, _reports| cli::run_in_terminal(arguments, given, &cancel))
+    interruptible(py, None, move |cancel, _reports| {
+        // The global pool of rayon does not survive a fork.
+        let pool = pool::of(pool::all_cores())?;
+        Ok(pool.install(|| cli::run_in_terminal(arguments, given, &cancel)))
+    })?
+    .map_err(|error| errors::exception(py, error))
 }
 
 /// A scan that Python has read.
@@ -83,7 +88,7 @@ impl ReadCloud<'_> {
         let Self { points, viewpoints, normals, foreground, pictures, warnings } = self;
         let input =
             Input::new(&points, viewpoints.as_ref(), normals.as_ref(), foreground.as_ref(), pictures)?;
-        let (cloud, rows) = input.into_cloud().map_err(|error| errors::exception(py, error))?;
+        let (cloud, rows) = pool::run(py, || input.into_cloud())?;
         Ok(Given::Cloud { cloud, rows, warnings })
     }
 }

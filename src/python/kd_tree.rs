@@ -55,6 +55,7 @@ impl PyKdTree {
     ///
     /// Raises:
     ///     InvalidInputError: Not (N, 3), NaN or infinite coordinates, or k below 1.
+    ///     MemoryError: There is no room for so many neighbours.
     ///
     /// Example:
     ///     >>> from sympose import KdTree

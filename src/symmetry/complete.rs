@@ -8,8 +8,10 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::error::Result;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
+use crate::validate::positive;
 
 /// Points in a unit of parallel work.
 const CHUNK: usize = 2048;
@@ -63,9 +65,14 @@ impl RingCells {
     }
 }
 
-/// Completes `points` about `axis` on a grid with edge `cell` \[length\].
-#[must_use]
-pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Completion {
+/// Completes `points` about `axis` on a grid with edge `cell` \[length\]. Of a surface of revolution there are as many points
+/// in a ring as such edges.
+///
+/// # Errors
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) for an order that is no symmetry, or a `cell` that is not positive and finite.
+pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Result<Completion> {
+    let order = order.validate()?;
+    positive("cell", cell)?;
     let surface_from_axis = axis.frame();
     let axis_from_surface = surface_from_axis.inverse();
     let mut folded: Vec<Celled> = points
@@ -110,7 +117,7 @@ pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -
         }
     }
     completion.coverage = measured as f64 / completion.points.len().max(1) as f64;
-    completion
+    Ok(completion)
 }
 
 fn mean_position(members: &[Celled]) -> Vector3<f64> {

@@ -23,11 +23,13 @@ use crate::symmetry::sweep::{OrderEvidence, SURVEY_ORDER, Sweep, Turned, Turning
 pub struct DetectParams {
     /// Largest discrete order that is looked for; finer ones count as continuous.
     pub max_order: u32,
-    /// Points that are rotated to find the rings of the surface that have structure \[count\].
+    /// Points that are rotated to find the rings of the surface that have structure \[count\]; at most 250 in the search, and where
+    /// several views show a part whose order is given.
     pub samples: usize,
-    /// Points of these rings that are rotated to find the order \[count\].
+    /// Points of these rings that are rotated to find the order \[count\]; at most as many there.
     pub ring_samples: usize,
-    /// Share of the angles at which a point must be contradicted to count as structured.
+    /// Share of the angles at which a point must be contradicted to count as structured; also the contrast between matching and
+    /// generic angles that an order needs.
     pub structured: f64,
     /// Share of structured points below which the surface is one of revolution.
     pub continuous: f64,

@@ -76,7 +76,7 @@ impl Turns {
         match order {
             Order::Cyclic(n) => {
                 let turn = |k: usize| (std::f64::consts::TAU * k as f64 / f64::from(n), 1.0);
-                Self(spread(n as usize - 1, max).map(|k| turn(k + 1)).collect())
+                Self(spread((n as usize).saturating_sub(1), max).map(|k| turn(k + 1)).collect())
             }
             Order::Continuous | Order::Auto => Self::golden(max),
         }

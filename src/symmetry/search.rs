@@ -15,7 +15,7 @@ use crate::symmetry::revolution::axis_of_revolution;
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
-use crate::symmetry::sweep::Turning;
+use crate::symmetry::sweep::{SURVEY_ORDER, Turning};
 use crate::symmetry::visibility::Visibility;
 
 /// Orders under which axes are proposed when none is known: small primes, whose multiples they also find, and turns
@@ -25,6 +25,13 @@ const HYPOTHESES: [Order; 5] =
 
 /// Proposals of each hypothesis that are asked for their order.
 const ASKED: usize = 3;
+
+/// The most points and axes of each round of a hypothesis.
+const OPEN_SAMPLES: [usize; 3] = [120, 250, 600];
+const OPEN_KEPT: [usize; 3] = [12, 5, ASKED];
+
+/// The most points on which the order of a proposed axis is found.
+const QUICK: usize = 250;
 
 /// Points on which axes that were not proposed by turns are judged.
 const JUDGED: usize = 1000;
@@ -132,17 +139,17 @@ fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &S
 /// Those of [`propose`].
 pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<Vec<Found>> {
     let quick = DetectParams {
-        max_order: context.detect.max_order.min(24),
-        samples: context.detect.samples.min(250),
-        ring_samples: context.detect.ring_samples.min(250),
+        max_order: context.detect.max_order.min(SURVEY_ORDER),
+        samples: context.detect.samples.min(QUICK),
+        ring_samples: context.detect.ring_samples.min(QUICK),
         ..context.detect.clone()
     };
     // What one view shows of a part is little evidence, and all of it is needed.
     let several = context.visibility.is_some_and(|v| v.views() > 1);
     let params = ProposeParams {
         max_turns: context.propose.max_turns.min(if several { SEVERAL_VIEWS_TURNS } else { usize::MAX }),
-        samples: least(context.propose.samples, [120, 250, 600]),
-        kept: least(context.propose.kept, [12, 5, ASKED]),
+        samples: least(context.propose.samples, OPEN_SAMPLES),
+        kept: least(context.propose.kept, OPEN_KEPT),
         ..context.propose.clone()
     };
     let context = SearchContext { propose: &params, ..*context };

@@ -143,15 +143,14 @@ pub(crate) fn minimize<O: RobustProblem>(
     let solved = Executor::new(problem, DampedGaussNewton::default())
         .configure(|state| state.param(start).max_iters(max_iterations))
         .run()
-        .map_err(|e| {
-            e.downcast::<Error>().unwrap_or_else(|other| Error::InvalidParameter {
-                name: "axis",
-                value: other.to_string(),
-                expected: "a problem that the solver can linearise",
-            })
-        })?;
+        .map_err(|e| e.downcast::<Error>().unwrap_or_else(|other| no_solution(&other.to_string())))?;
     let (mut state, solver) = (solved.state, solved.solver);
     let cost = state.get_cost();
-    let param = state.take_param().or_else(|| state.take_best_param()).ok_or(Error::Cancelled)?;
+    let param = state.take_param().or_else(|| state.take_best_param()).ok_or_else(|| no_solution("none"))?;
     Ok(Minimum { param, costs: [solver.start_cost.unwrap_or(cost), cost] })
+}
+
+fn no_solution(found: &str) -> Error {
+    let expected = "a problem that the solver can linearise";
+    Error::InvalidParameter { name: "axis", value: found.to_owned(), expected }
 }

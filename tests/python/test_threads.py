@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import pytest
 
 import sympose
 from conftest import ORDER, Part, heed_ctrl_c, make_part
-from sympose import Config, DeadlineExceededError, PinholeCamera, Scene, View, segment
+from sympose import Config, DeadlineExceededError, PinholeCamera, Scene, View, cli, segment
 
 FINE = Config(ground="off", cluster="off", voxel_size=0.001)
 
@@ -201,20 +202,29 @@ def test_ctrl_c_interrupts_within_a_second() -> None:
     assert process.returncode == 0
 
 
-def in_child(queue: Any) -> None:
+def filtered(folder: str, name: str) -> bytes:
+    """What the command line leaves of a scan."""
+    source, target = f"{folder}/{name}.ply", f"{folder}/{name}.pcd"
+    sympose.write(source, make_part(800).points)
+    assert cli.main(["filter", source, target, "--voxel-size", "0.1", "--quiet"]) == 0
+    return sympose.read(target).points.tobytes()
+
+
+def in_child(queue: Any, folder: str) -> None:
     part = make_part(800)
     tree = sympose.KdTree(part.points)
-    queue.put((tree.query(part.points, 3)[1].tobytes(), result(part)))
+    queue.put((tree.query(part.points, 3)[1].tobytes(), result(part), filtered(folder, "child")))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork.*:DeprecationWarning")
-def test_a_forked_child_can_work() -> None:
+def test_a_forked_child_can_work(tmp_path: Path) -> None:
     part = make_part(800)
-    here = (sympose.KdTree(part.points).query(part.points, 3)[1].tobytes(), result(part))
+    tree = sympose.KdTree(part.points)
+    here = (tree.query(part.points, 3)[1].tobytes(), result(part), filtered(str(tmp_path), "parent"))
     context = multiprocessing.get_context("fork")
     queue: Any = context.Queue()
-    child = context.Process(target=in_child, args=(queue,))
+    child = context.Process(target=in_child, args=(queue, str(tmp_path)))
     child.start()
     assert queue.get(timeout=30) == here
     child.join(10)
