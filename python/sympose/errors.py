@@ -28,7 +28,7 @@ class NoSymmetryError(SymposeError):
     """The cloud supports no rotational symmetry.
 
     Attributes:
-        evidence: A dict with `axis` and `center` (3,) of the best axis, in the world, the share of the surface
+        evidence: A dict with `axis` and `center` (3,) of the best axis in the world, the share of the surface
             that it has `explained`, its match `score`, both in [0, 1], and the `reason` for the refusal; or
             None where no axis was sought.
     """

@@ -225,9 +225,7 @@ class Watch:
             return None
         elapsed = time.perf_counter() - self._started
         if elapsed >= self._timeout:
-            raise DeadlineExceededError(
-                f"the deadline passed {when} (after {elapsed:.3f} s)"
-            )
+            raise DeadlineExceededError(f"the deadline passed {when} (after {elapsed:.3f} s)")
         return self._timeout - elapsed
 
     @property
