@@ -127,8 +127,12 @@ impl Sweep {
             .enumerate()
             .map(|(row, (&(k, n), &times))| {
                 turning.control.check()?;
-                let turn = turning.axis.turn(std::f64::consts::TAU * f64::from(k) / f64::from(n));
-                let outcome = |i: usize| turning.outcome(&samples.points[i], &samples.normals[i], &turn);
+                // What matches turned one way does so turned the other way, but what is seen to be empty is not the same.
+                let angle = std::f64::consts::TAU * f64::from(k) / f64::from(n);
+                let both = [angle, -angle].map(|angle| turning.axis.turn(angle));
+                let outcome = |i: usize| {
+                    turning.outcome(&samples.points[i], &samples.normals[i], &both[(i / times + row) % 2])
+                };
                 let is_turned = |i: usize| (i + row).is_multiple_of(times);
                 let all = 0..samples.points.len();
                 Ok(all.map(|i| if is_turned(i) { outcome(i) } else { Outcome::Hidden }).collect())
