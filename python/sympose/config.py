@@ -73,7 +73,7 @@ class Config(Settings):
         **settings: By name; the most used are
             `order`: "auto", an integer of at least 2, or "continuous".
             `ground`: "auto" removes a support plane where there is one, "on" the largest plane with all else
-                on one side of it, even one that may be a face of the part, "off" none.
+                but its own sides on one side of it, even one that may be a face of the part, "off" none.
             `cluster`: "main" keeps the main cluster, "off" everything.
             `voxel_size`: edge of a voxel [length], or None: found from the cloud.
             `residual`: "point_to_plane", "point_to_point" or "distribution".

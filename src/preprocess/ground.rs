@@ -107,8 +107,9 @@ const NEAR: f64 = 0.3;
 
 /// Looks for the plane that the part stands on, and removes it with everything below and beside it.
 ///
-/// A support is seen from above only, has nothing below it (but its own sides, with [`GroundMode::On`]), is filled nearly to its outline, reaches beyond what stands
-/// on it, and its outline has nothing to do with the symmetry of the part: it is cut off by the picture or an edge.
+/// A support is seen from above only, has nothing below it (but its own sides, with [`GroundMode::On`]), is filled nearly to its
+/// outline, reaches beyond what stands on it, and its outline has nothing to do with the symmetry of the part: it is cut off by
+/// the picture or an edge.
 ///
 /// `viewpoint_of` gives for a point the position it was seen from, where known; `seed` is that of the samples.
 ///
