@@ -129,7 +129,8 @@ impl Sweep {
                 turning.control.check()?;
                 // What matches turned one way does so turned the other way, but what is seen to be empty is not the same.
                 let angle = std::f64::consts::TAU * f64::from(k) / f64::from(n);
-                let both = [angle, -angle].map(|angle| turning.axis.turn(angle));
+                let other = if turning.sight.is_known() { -angle } else { angle };
+                let both = [angle, other].map(|angle| turning.axis.turn(angle));
                 let outcome = |i: usize| {
                     turning.outcome(&samples.points[i], &samples.normals[i], &both[(i / times + row) % 2])
                 };
