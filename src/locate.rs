@@ -25,8 +25,8 @@ pub(crate) const TRACKED: f64 = Estimate::TRUSTWORTHY;
 const FOLLOWED: f64 = 0.8;
 
 /// Remark where the whole has no symmetry, but what stands on a plate has.
-const OFF_PLATE: &str = "the part was taken to stand on a plate, which was left out: nothing fits with it; set ground = \"off\" if \
-                         the plate is of the part";
+const OFF_PLATE: &str = "the part was taken to stand on a plate, which was left out: nothing fits with it; set ground = \
+                         \"off\" if the plate is of the part";
 
 /// Advice where a plate was taken for a piece of the part, of which it may be one.
 const ON_PLATE: &str =
@@ -68,8 +68,8 @@ impl Estimator {
         }
     }
 
-    /// [`Estimator::search`] without a plate: together with one that it is fixed to, hardly a part is symmetric. `refusal` is that of
-    /// the whole.
+    /// [`Estimator::search`] without a plate: together with one that it is fixed to, hardly a part is symmetric. `refusal` is
+    /// that of the whole.
     fn search_on_plate(
         &self,
         cloud: &PointCloud,
@@ -178,13 +178,9 @@ impl Estimator {
         Ok(Aligned { prepared, candidates, settled })
     }
 
-    /// What a part may stand on.
+    /// What the part is taken to stand on in the first place.
     fn support(&self) -> Option<Support> {
-        match self.config().ground {
-            GroundMode::Auto => Some(Support::Sheet),
-            GroundMode::On => Some(Support::Any),
-            GroundMode::Off => None,
-        }
+        Support::sought(self.config().ground)
     }
 
     fn prepare(

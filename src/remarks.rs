@@ -50,8 +50,8 @@ pub(crate) fn remarks(
     let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
     let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
     let ambiguity = ambiguity.or_else(|| beyond_sight(&prepared.surface, score));
-    let is_half_seen = is_open && !one_view && visibility.is_some();
-    let unseen_half = UnseenHalf::found(detection, score).filter(|_| is_half_seen);
+    let several_views = visibility.is_some_and(|v| v.views() > 1);
+    let unseen_half = UnseenHalf::found(detection, score).filter(|_| is_open && several_views);
     let ambiguity =
         ambiguity.or_else(|| unseen_half.as_ref().filter(|half| half.is_ambiguous()).map(UnseenHalf::remark));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
@@ -130,7 +130,9 @@ impl UnseenHalf {
 
     /// Whether too little is left in sight to tell.
     fn is_ambiguous(&self) -> bool {
-        self.0 > 2.0 / 3.0
+        /// Share that may go out of sight.
+        const MOST: f64 = 2.0 / 3.0;
+        self.0 > MOST
     }
 
     fn remark(&self) -> String {

@@ -186,6 +186,7 @@ impl Rows {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::{Error, Result};
     use crate::preprocess::{ClusterParams, main_cluster};
 
     /// The cells of a row on the support, for one piece.
@@ -232,21 +233,23 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_in_the_air_holds_to_a_larger_one_nearby() {
+    fn a_piece_in_the_air_holds_to_a_larger_one_nearby() -> Result<()> {
         // A block, and a plate beside it at a height: how many of the two are of the largest thing.
         let kept = |height: f64, reach: f64, bare: f64| {
             let mut points = slab([0.0; 3], [10.0, 10.0, 5.0]);
             points.extend(slab([14.0, 3.0, height], [18.0, 7.0, height + 1.0]));
             let params = ClusterParams { distance: 1.0, keep_ratio: 1.0 };
-            let clusters = main_cluster(&points, &params).unwrap();
+            let clusters = main_cluster(&points, &params)?;
             assert_eq!(clusters.sizes.len(), 2);
             let floor = Floor::new([0.0, 0.0, 1.0, 0.0], slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
-            largest_stack(&points, &clusters, &floor, 1.0, reach).holds.into_iter().filter(|of| *of).count()
+            let LargestStack { holds, .. } = largest_stack(&points, &clusters, &floor, 1.0, reach);
+            Ok::<_, Error>(holds.into_iter().filter(|of| *of).count())
         };
-        assert_eq!(kept(3.0, 5.0, 6.0), 2);
+        assert_eq!(kept(3.0, 5.0, 6.0)?, 2);
         // It stands, is too far away, or hides the floor under it.
-        assert_eq!(kept(0.0, 5.0, 6.0), 1);
-        assert_eq!(kept(3.0, 3.0, 6.0), 1);
-        assert_eq!(kept(3.0, 5.0, 1.0), 1);
+        assert_eq!(kept(0.0, 5.0, 6.0)?, 1);
+        assert_eq!(kept(3.0, 3.0, 6.0)?, 1);
+        assert_eq!(kept(3.0, 5.0, 1.0)?, 1);
+        Ok(())
     }
 }

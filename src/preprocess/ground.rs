@@ -62,6 +62,17 @@ pub(crate) enum Support {
     Any,
 }
 
+impl Support {
+    /// What is looked for in the first place; `None` where nothing is.
+    pub(crate) fn sought(mode: GroundMode) -> Option<Self> {
+        match mode {
+            GroundMode::Auto => Some(Self::Sheet),
+            GroundMode::On => Some(Self::Any),
+            GroundMode::Off => None,
+        }
+    }
+}
+
 /// A support plane that was removed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ground {
@@ -139,15 +150,10 @@ pub fn find_ground(
     mode: GroundMode,
     seed: u64,
 ) -> Result<Option<Ground>> {
-    let kind = match mode {
-        GroundMode::Off => {
-            check_finite(points)?;
-            return Ok(None);
-        }
-        GroundMode::Auto => Support::Sheet,
-        GroundMode::On => Support::Any,
-    };
-    find_support(points, viewpoint_of, params, kind, seed)
+    match Support::sought(mode) {
+        Some(kind) => find_support(points, viewpoint_of, params, kind, seed),
+        None => check_finite(points).map(|()| None),
+    }
 }
 
 /// [`find_ground`] for one kind of support.

@@ -69,7 +69,8 @@ impl RingCells {
 /// in a ring as such edges.
 ///
 /// # Errors
-/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) for an order that is no symmetry, or a `cell` that is not positive and finite.
+/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) for an order that is no symmetry, or a `cell` that is not
+/// positive and finite.
 pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Result<Completion> {
     let order = order.validate()?;
     positive("cell", cell)?;

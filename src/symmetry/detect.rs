@@ -23,8 +23,8 @@ use crate::symmetry::sweep::{OrderEvidence, SURVEY_ORDER, Sweep, Turned, Turning
 pub struct DetectParams {
     /// Largest discrete order that is looked for; finer ones count as continuous.
     pub max_order: u32,
-    /// Points that are rotated to find the rings of the surface that have structure \[count\]; at most 250 in the search, and where
-    /// several views show a part whose order is given.
+    /// Points that are rotated to find the rings of the surface that have structure \[count\]; at most 250 in the search,
+    /// and where several views show a part whose order is given.
     pub samples: usize,
     /// Points of these rings that are rotated to find the order \[count\]; at most as many there.
     pub ring_samples: usize,

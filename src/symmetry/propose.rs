@@ -23,8 +23,8 @@ pub struct ProposeParams {
     pub search: bool,
     /// Starting directions, spread over the half sphere \[count\].
     pub directions: usize,
-    /// Points on which the axes of each round are aligned and scored \[count\]; twice as many where there is one turn. At most 120,
-    /// 250 and 600 for each of the orders that are tried where none is given.
+    /// Points on which the axes of each round are aligned and scored \[count\]; twice as many where there is one turn. At
+    /// most 120, 250 and 600 for each of the orders that are tried where none is given.
     pub samples: [usize; 3],
     /// Distinct axes that survive each round \[count\]; at most 12, 5 and 3 for each of these orders.
     pub kept: [usize; 3],

@@ -86,7 +86,8 @@ impl Turning<'_> {
     }
 }
 
-/// Outcomes of the samples at some fractions k/n of a turn, in lowest terms and up to one half.
+/// Outcomes of the samples at some fractions k/n of a turn, in lowest terms and up to one half; every second one that is
+/// turned goes the other way where cameras tell what is empty.
 pub(crate) struct Sweep {
     fractions: Vec<(u32, u32)>,
     row_of: HashMap<(u32, u32), usize>,
