@@ -55,7 +55,7 @@
 //! let axis = aligner.align(found[0].proposal.axis, [0.03, 0.01], &control)?.axis;
 //! assert!(axis.direction.z.abs() > 0.99999 && axis.distance(&Vector3::zeros()) < 1e-3);
 //!
-//! let whole = complete(&surface.samples.points, &axis, order, spacing);
+//! let whole = complete(&surface.samples.points, &axis, order, spacing)?;
 //! assert!(whole.points.iter().any(|p| p.y.atan2(p.x).abs() < 0.1 && p.x > 0.4));
 //! # Ok::<(), sympose::Error>(())
 //! ```
