@@ -1,14 +1,15 @@
 //! The axes that a search or an earlier pose gave, refined one after the other until one holds.
 
-use nalgebra::{Matrix4, Point3, Vector3};
+use nalgebra::{Matrix4, Vector3};
 
 use crate::config::Config;
 use crate::control::Control;
-use crate::error::{Error, Evidence, Result};
+use crate::error::Result;
 use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
-use crate::remarks::{LIKE_PIECES, Remarks, closer_part_holds, lost_returns, remarks};
+use crate::refusal::Refusal;
+use crate::remarks::{Answer, LIKE_PIECES, Remarks, closer_part_holds, remarks};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
@@ -44,9 +45,6 @@ const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
 /// the next axis where they do not.
 const REMARKED: usize = 250;
 
-/// What is said first where a scan is refused.
-const NO_SYMMETRY: &str = "no rotational symmetry explains the data";
-
 /// An axis with the order that holds about it.
 pub(crate) struct Settled {
     pub refined: Refined,
@@ -68,80 +66,78 @@ impl Estimator {
     ) -> Result<Settled> {
         /// Candidates that are refined before the search is given up.
         const TRIED: usize = 3;
-        /// Angle within which an axis that was refused, or one that passed, stands for others of its order \[rad\].
-        const REFUSED: f64 = 0.02;
-        const PASSED: f64 = 0.17;
-        /// Score from which on no other axis is refined.
-        const CERTAIN: f64 = 0.9;
-        let surface = &prepared.surface;
-        let declared = self.config().order;
-        let mut refusal: Option<Refusal> = None;
-        // Where much is hidden a wrong axis may be as good, but seldom allows the declared order, too.
-        let mut best: Option<((bool, u32, f64), Settled)> = None;
-        let mut answered: Vec<(&Found, f64)> = Vec::new();
-        let mut tried = 0;
+        let mut trials = Trials::default();
         for candidate in candidates {
-            // What has its answer is not tried again a little beside.
-            let stands_for_it = |(f, within): &(&Found, f64)| {
-                f.order == candidate.order && f.proposal.axis.angle_to(&candidate.proposal.axis) < *within
-            };
-            if tried == TRIED {
+            if trials.count == TRIED {
                 break;
             }
-            if answered.iter().any(stands_for_it) {
+            if trials.have_answered(candidate) {
                 continue;
             }
-            tried += 1;
-            // Where no order is known yet, the turns that brought the axis here hold it best.
-            let start = candidate.order.unwrap_or(candidate.hypothesis);
-            let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
-            if self.is_beyond_hint(prepared, &refined.axis) {
-                answered.push((candidate, REFUSED));
-                continue;
-            }
-            let detection = self.detect(prepared, &refined.axis, control)?;
-            let order = if declared == Order::Auto { detection.order } else { Some(declared) };
-            let Some(order) = order else {
-                if refusal.as_ref().is_none_or(|best| detection.explained > best.explained) {
-                    let score = self.score(prepared, &refined.axis, start).value();
-                    refusal = Some(Refusal { axis: refined.axis, explained: detection.explained, score });
-                }
-                answered.push((candidate, REFUSED));
-                continue;
-            };
-            if order != start {
-                refined = self.refine(surface, refined.axis, order, control)?;
-            }
-            let score = self.score(prepared, &refined.axis, order);
-            let Remarks { warnings, ambiguous, doubted } =
-                remarks(declared, candidate, candidates, &refined.axis, &score, &detection, prepared);
-            let trust = prepared.trust(&score);
-            // Turns of an order that the part does not have may hold an axis beside the right one, with little left of the order.
-            let kept =
-                declared != Order::Auto || candidate.order.is_none_or(|order| keeps(&detection, order));
-            let group = if declared == Order::Auto && trust >= TRACKED { group_size(order) } else { 0 };
-            let worth = (!doubted, group, trust);
-            if best.as_ref().is_none_or(|(most, _)| worth > *most) {
-                best = Some((worth, Settled { refined, order, score, detection, ambiguous, warnings }));
-            }
-            // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
-            // smaller one hides less.
-            let enough = if declared == Order::Auto { TRACKED } else { CERTAIN };
-            if trust >= enough && !doubted && kept {
+            let outcome = self.outcome(prepared, candidate, candidates, control)?;
+            if trials.end_with(candidate, outcome) {
                 break;
-            }
-            if trust >= TRACKED {
-                answered.push((candidate, PASSED));
             }
         }
-        let (_, mut settled) = best.ok_or_else(|| self.no_symmetry(prepared, refusal))?;
+        let Trials { best, refusal, .. } = trials;
+        let Held { mut settled, .. } = best.ok_or_else(|| self.no_symmetry(prepared, refusal))?;
         let Settled { refined: Refined { axis, .. }, order, .. } = &settled;
+        let surface = &prepared.surface;
         if exchanges_pieces(surface, axis, *order, self.final_gate(surface))? {
             settled.ambiguous = true;
             settled.warnings.push(LIKE_PIECES.to_owned());
         }
         settled.warnings.extend(self.closer(prepared, &settled));
         Ok(settled)
+    }
+
+    /// What becomes of one of the `candidates` when it is refined.
+    fn outcome(
+        &self,
+        prepared: &Prepared,
+        candidate: &Found,
+        candidates: &[Found],
+        control: &Control,
+    ) -> Result<Outcome> {
+        /// Score from which on no other axis is refined where the order is declared.
+        const CERTAIN: f64 = 0.9;
+        let surface = &prepared.surface;
+        let declared = self.config().order;
+        let is_open = declared == Order::Auto;
+        // Where no order is known yet, the turns that brought the axis here hold it best.
+        let start = candidate.order.unwrap_or(candidate.hypothesis);
+        let mut refined = self.refine(surface, candidate.proposal.axis, start, control)?;
+        if self.is_out_of_reach(prepared, &refined.axis) {
+            return Ok(Outcome::OutOfReach);
+        }
+        let detection = self.detect(prepared, &refined.axis, control)?;
+        let Some(order) = (if is_open { detection.order } else { Some(declared) }) else {
+            let score = self.score(prepared, &refined.axis, start).value();
+            return Ok(Outcome::Refused(Refusal {
+                axis: refined.axis,
+                explained: detection.explained,
+                score,
+            }));
+        };
+        if order != start {
+            refined = self.refine(surface, refined.axis, order, control)?;
+        }
+        let score = self.score(prepared, &refined.axis, order);
+        let answer = Answer { declared, axis: &refined.axis, score: &score, detection: &detection, prepared };
+        let Remarks { warnings, ambiguous, doubted } = remarks(&answer, candidate, candidates);
+        let trust = prepared.trust(&score);
+        // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
+        // smaller one hides less.
+        let enough = if is_open { TRACKED } else { CERTAIN };
+        // Turns of an order that the part does not have may hold an axis beside the right one, with little left of the order.
+        let kept = !is_open || candidate.order.is_none_or(|order| keeps(&detection, order));
+        let group = if is_open && trust >= TRACKED { group_size(order) } else { 0 };
+        Ok(Outcome::Held(Box::new(Held {
+            settled: Settled { refined, order, score, detection, ambiguous, warnings },
+            trust,
+            worth: (!doubted, group, trust),
+            is_certain: trust >= enough && !doubted && kept,
+        })))
     }
 
     /// A remark where a part of the group holds more closely than the whole, unless it was found that the whole does not hold.
@@ -170,10 +166,12 @@ impl Estimator {
             .map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint).normalize())
     }
 
-    /// Whether an axis that began near the hint has ended elsewhere.
-    fn is_beyond_hint(&self, prepared: &Prepared, axis: &Axis) -> bool {
-        let hint = self.hint(prepared).and_then(|hint| Axis::new(hint, prepared.surface.centroid));
-        hint.is_some_and(|hint| axis.angle_to(&hint) > self.config().propose.max_hint_angle)
+    /// Whether an axis has ended away from the part, as about the edge of a plane, which nothing holds, or away from the hint.
+    fn is_out_of_reach(&self, prepared: &Prepared, axis: &Axis) -> bool {
+        let centroid = prepared.surface.centroid;
+        let hint = self.hint(prepared).and_then(|hint| Axis::new(hint, centroid));
+        axis.distance(&centroid) > prepared.diameter
+            || hint.is_some_and(|hint| axis.angle_to(&hint) > self.config().propose.max_hint_angle)
     }
 
     /// Finds the order about an axis.
@@ -251,39 +249,6 @@ impl Estimator {
         let params = &self.config().refine;
         Gate::new(3.0 * surface.spacing, params.max_normal_angle.cos())
     }
-
-    fn no_symmetry(&self, prepared: &Prepared, refusal: Option<Refusal>) -> Error {
-        let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
-        let mut advice = String::new();
-        if self.config().axis_hint.is_some() {
-            advice += "; axis_hint keeps other directions out of the search";
-        }
-        if !prepared.outward {
-            advice += "; give the viewpoint or the order, which say more";
-        }
-        if self.config().roi.is_none() && refusal.is_some() {
-            advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
-        }
-        let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
-        advice.extend(lost.map(|lost| format!("; {lost}")));
-        let evidence = match refusal {
-            Some(Refusal { axis, explained, score }) => Evidence {
-                axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
-                center: world(axis.point),
-                explained,
-                score,
-                reason: format!(
-                    "{NO_SYMMETRY}: about the best axis no rotation maps the part to itself{advice}"
-                ),
-            },
-            None => Evidence {
-                center: world(prepared.surface.centroid),
-                reason: format!("{NO_SYMMETRY}: no direction within reach could be aligned{advice}"),
-                ..Evidence::default()
-            },
-        };
-        Error::NoSymmetry { evidence }
-    }
 }
 
 /// Whether what was found about an axis is no smaller than the order of the search, but for details that decide it.
@@ -295,9 +260,70 @@ fn keeps(detection: &Detection, order: Order) -> bool {
     found.is_some_and(|found| group_size(found) >= group_size(order))
 }
 
-/// The best axis about which no order holds.
-struct Refusal {
-    axis: Axis,
-    explained: f64,
-    score: f64,
+/// What became of a candidate.
+enum Outcome {
+    /// Its axis has ended away from the part, or from the hint.
+    OutOfReach,
+    /// No order holds about it.
+    Refused(Refusal),
+    /// One does.
+    Held(Box<Held>),
+}
+
+/// A refined axis with an order that holds.
+struct Held {
+    settled: Settled,
+    /// How far its score is to be trusted.
+    trust: f64,
+    /// Of several the one that is worth most is taken. Where much is hidden a wrong axis may be as good, but seldom allows the
+    /// declared order, too.
+    worth: (bool, u32, f64),
+    /// Whether no other axis need be refined.
+    is_certain: bool,
+}
+
+/// The candidates that were refined so far.
+#[derive(Default)]
+struct Trials<'a> {
+    count: usize,
+    /// Those that need not be tried again, with the angle within which they stand for others of their order \[rad\].
+    answered: Vec<(&'a Found, f64)>,
+    best: Option<Held>,
+    refusal: Option<Refusal>,
+}
+
+impl<'a> Trials<'a> {
+    /// Whether one of the same order and nearly the same axis has had its answer.
+    fn have_answered(&self, candidate: &Found) -> bool {
+        let angle = |tried: &Found| tried.proposal.axis.angle_to(&candidate.proposal.axis);
+        self.answered.iter().any(|(tried, within)| tried.order == candidate.order && angle(tried) < *within)
+    }
+
+    /// Notes what became of a candidate; whether that ends the search.
+    fn end_with(&mut self, candidate: &'a Found, outcome: Outcome) -> bool {
+        /// Angle within which an axis that was refused, or one that passed, stands for others of its order \[rad\].
+        const REFUSED: f64 = 0.02;
+        const PASSED: f64 = 0.17;
+        self.count += 1;
+        match outcome {
+            Outcome::OutOfReach => self.answered.push((candidate, REFUSED)),
+            Outcome::Refused(refusal) => {
+                self.answered.push((candidate, REFUSED));
+                if self.refusal.as_ref().is_none_or(|best| refusal.explained > best.explained) {
+                    self.refusal = Some(refusal);
+                }
+            }
+            Outcome::Held(held) => {
+                if held.trust >= TRACKED {
+                    self.answered.push((candidate, PASSED));
+                }
+                let is_certain = held.is_certain;
+                if self.best.as_ref().is_none_or(|best| held.worth > best.worth) {
+                    self.best = Some(*held);
+                }
+                return is_certain;
+            }
+        }
+        false
+    }
 }

@@ -53,6 +53,13 @@ impl Control {
         Self { cancel: CancelToken::default(), started: Instant::now(), timeout: None, progress: None }
     }
 
+    /// The clock started earlier, by this much.
+    #[must_use]
+    pub(crate) fn with_elapsed(mut self, elapsed: Duration) -> Self {
+        self.started = self.started.checked_sub(elapsed).unwrap_or(self.started);
+        self
+    }
+
     /// Stops when `token` is cancelled.
     #[must_use]
     pub fn with_cancel(mut self, token: CancelToken) -> Self {

@@ -220,7 +220,13 @@ impl Estimator {
         if is_turned_over {
             folded = fold_about(&axis);
         }
-        let completion = complete(&refined.points, &axis, *order, prepared.voxel_size)?;
+        let completion =
+            complete(&refined.points, &axis, *order, prepared.voxel_size).map_err(|error| match error {
+                Error::InvalidParameter { name: "cell", value, expected } => {
+                    Error::InvalidParameter { name: "voxel_size", value, expected }
+                }
+                error => error,
+            })?;
 
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));

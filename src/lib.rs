@@ -76,6 +76,7 @@ pub mod preprocess;
 #[cfg(feature = "python")]
 mod python;
 pub mod reference;
+mod refusal;
 mod remarks;
 pub mod result;
 pub mod schema;

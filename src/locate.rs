@@ -5,9 +5,9 @@ use nalgebra::{Isometry3, Vector3};
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
 use crate::config::{GroundMode, TrackingParams};
-use crate::error::{Error, Evidence, Result};
+use crate::error::{Error, Result};
 use crate::estimate::Estimator;
-use crate::prepare::{Plate, Prepared, find_plate, prepare};
+use crate::prepare::{Prepared, find_plate, prepare};
 use crate::preprocess::Support;
 use crate::result::Estimate;
 use crate::stages::Stages;
@@ -44,55 +44,72 @@ impl Aligned {
     fn is_doubtful(&self) -> bool {
         self.settled.ambiguous || self.prepared.trust(&self.settled.score) < TRACKED
     }
+
+    /// Whether an order was declared, but none would have been found.
+    fn is_unexplained(&self) -> bool {
+        self.settled.detection.order.is_none()
+    }
 }
 
 impl Estimator {
     /// The part in a cloud, about the best axis that the search finds.
     pub(crate) fn search(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
         let prepared = self.prepare(cloud, self.support(), None, stages)?;
-        let may_stand_on_plate = prepared.ground.is_none() && self.config().ground == GroundMode::Auto;
-        let answer = self.search_on(prepared, stages);
-        match answer {
-            Ok(mut aligned) if may_stand_on_plate && aligned.is_doubtful() => {
-                let plate = find_plate(cloud, self.config())?;
-                aligned.settled.warnings.extend(plate.map(|_| ON_PLATE.to_owned()));
-                Ok(aligned)
+        self.search_with_plate(prepared, cloud, stages)
+    }
+
+    /// The part in what is left of a cloud; where that does not fit, without the plate that it may be fixed to.
+    fn search_with_plate(
+        &self,
+        prepared: Prepared,
+        cloud: &PointCloud,
+        stages: &mut Stages,
+    ) -> Result<Aligned> {
+        let may_be_fixed = self.may_be_fixed(&prepared);
+        let mut whole = self.search_on(prepared, stages);
+        let fits = match &whole {
+            Ok(aligned) => !aligned.is_doubtful() && !aligned.is_unexplained(),
+            Err(error) => !matches!(error, Error::NoSymmetry { .. }),
+        };
+        if fits || !may_be_fixed {
+            return whole;
+        }
+        let Some(plate) = find_plate(cloud, self.config())? else { return whole };
+        // Together with a plate that it is fixed to, hardly a part is symmetric.
+        if plate.is_seen_from_above
+            && whole.as_ref().map_or(true, Aligned::is_unexplained)
+            && let Some(aligned) = self.search_off_plate(cloud, stages)?
+        {
+            return Ok(aligned);
+        }
+        match &mut whole {
+            Ok(aligned) => aligned.settled.warnings.push(ON_PLATE.to_owned()),
+            Err(Error::NoSymmetry { evidence }) => evidence.reason += &format!("; {ON_PLATE}"),
+            Err(_) => {}
+        }
+        whole
+    }
+
+    /// What stands on the plate, unless it is no more certain than the whole was.
+    fn search_off_plate(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Option<Aligned>> {
+        let prepared = self.prepare(cloud, Some(Support::Plate), None, stages);
+        match prepared.and_then(|prepared| self.search_on(prepared, stages)) {
+            Ok(mut aligned) => {
+                // Round bosses and holes of two-fold outline are on many a part without symmetry.
+                let is_telling =
+                    self.config().order != Order::Auto || matches!(aligned.settled.order, Order::Cyclic(3..));
+                let holds = is_telling && !aligned.is_doubtful() && !aligned.is_unexplained();
+                aligned.settled.warnings.push(OFF_PLATE.to_owned());
+                Ok(holds.then_some(aligned))
             }
-            Err(Error::NoSymmetry { evidence }) if may_stand_on_plate => {
-                match find_plate(cloud, self.config())? {
-                    Some(plate) => self.search_on_plate(cloud, &plate, evidence, stages),
-                    None => Err(Error::NoSymmetry { evidence }),
-                }
-            }
-            answer => answer,
+            Err(Error::NoSymmetry { .. } | Error::InsufficientData { .. }) => Ok(None),
+            Err(error) => Err(error),
         }
     }
 
-    /// [`Estimator::search`] without a plate: together with one that it is fixed to, hardly a part is symmetric. `refusal` is
-    /// that of the whole.
-    fn search_on_plate(
-        &self,
-        cloud: &PointCloud,
-        plate: &Plate,
-        mut refusal: Evidence,
-        stages: &mut Stages,
-    ) -> Result<Aligned> {
-        if plate.is_seen_from_above {
-            let off_plate = self.prepare(cloud, Some(Support::Plate), None, stages);
-            match off_plate.and_then(|prepared| self.search_on(prepared, stages)) {
-                // Round bosses and holes of two-fold outline are on many a part without symmetry.
-                Ok(mut aligned)
-                    if matches!(aligned.settled.order, Order::Cyclic(3..)) && !aligned.is_doubtful() =>
-                {
-                    aligned.settled.warnings.push(OFF_PLATE.to_owned());
-                    return Ok(aligned);
-                }
-                Ok(_) | Err(Error::NoSymmetry { .. } | Error::InsufficientData { .. }) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        refusal.reason += &format!("; {ON_PLATE}");
-        Err(Error::NoSymmetry { evidence: refusal })
+    /// Whether the part may be fixed to a plate that was taken for a piece of it.
+    fn may_be_fixed(&self, prepared: &Prepared) -> bool {
+        prepared.ground.is_none() && self.config().ground == GroundMode::Auto
     }
 
     /// Refines the axis of an earlier pose: on a few points, where that is not certain on all of them, and where that is
@@ -109,25 +126,27 @@ impl Estimator {
             prepared => Some(prepared?),
         };
         if let Some(prepared) = prepared
-            && let Ok(tracked) = self.refine_from(prepared, initial, FOLLOWED, stages)?
+            && let Ok(tracked) = self.refine_from(prepared, cloud, initial, FOLLOWED, stages)?
         {
             return Ok(tracked);
         }
         stages.text("tracking", "not certain on fewer points: refined on all");
         let prepared = self.prepare(cloud, self.support(), None, stages)?;
-        match self.refine_from(prepared, initial, TRACKED, stages)? {
+        match self.refine_from(prepared, cloud, initial, TRACKED, stages)? {
             Ok(tracked) => Ok(tracked),
             Err(prepared) => {
                 stages.text("tracking", "lost: searched again");
-                self.search_on(prepared, stages)
+                self.search_with_plate(prepared, cloud, stages)
             }
         }
     }
 
-    /// Refines the axis of an earlier pose, or gives the surface back where the score is below `least`.
+    /// Refines the axis of an earlier pose, or gives the surface back where the score is below `least`, or where it is the
+    /// part together with its plate.
     fn refine_from(
         &self,
         prepared: Prepared,
+        cloud: &PointCloud,
         initial: Isometry3<f64>,
         least: f64,
         stages: &mut Stages,
@@ -142,14 +161,18 @@ impl Estimator {
         let order = Some(self.config().order).filter(|order| *order != Order::Auto);
         let candidates =
             vec![Found { proposal, order, hypothesis: order.unwrap_or(Order::Continuous), explained: 0.0 }];
-        Ok(match self.settle(&prepared, &candidates, stages.control()) {
+        match self.settle(&prepared, &candidates, stages.control()) {
             Ok(settled) if prepared.trust(&settled.score) >= least => {
                 // Nothing was searched.
-                Ok(Aligned { prepared, candidates: Vec::new(), settled })
+                let tracked = Aligned { prepared, candidates: Vec::new(), settled };
+                let is_on_plate = tracked.is_unexplained()
+                    && self.may_be_fixed(&tracked.prepared)
+                    && find_plate(cloud, self.config())?.is_some_and(|plate| plate.is_seen_from_above);
+                Ok(if is_on_plate { Err(tracked.prepared) } else { Ok(tracked) })
             }
-            Ok(_) | Err(Error::NoSymmetry { .. }) => Err(prepared),
-            Err(error) => return Err(error),
-        })
+            Ok(_) | Err(Error::NoSymmetry { .. }) => Ok(Err(prepared)),
+            Err(error) => Err(error),
+        }
     }
 
     /// [`Estimator::search`] on what is left of the cloud.

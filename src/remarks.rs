@@ -22,38 +22,32 @@ pub(crate) struct Remarks {
     pub doubted: bool,
 }
 
-/// All that the caller should know about `axis`, refined from the one `chosen` of the `candidates`, with its `score` and
-/// the order found there.
-pub(crate) fn remarks(
-    declared: Order,
-    chosen: &Found,
-    candidates: &[Found],
-    axis: &Axis,
-    score: &MatchScore,
-    detection: &Detection,
-    prepared: &Prepared,
-) -> Remarks {
+/// An axis, with the order that holds about it and what speaks for both.
+pub(crate) struct Answer<'a> {
+    /// Order that the caller gave.
+    pub declared: Order,
+    /// The axis, refined.
+    pub axis: &'a Axis,
+    /// What becomes of the surface under the turns of the order.
+    pub score: &'a MatchScore,
+    /// The order found about it.
+    pub detection: &'a Detection,
+    /// The part.
+    pub prepared: &'a Prepared,
+}
+
+/// All that the caller should know about an `answer`, refined from the one `chosen` of the `candidates`.
+pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> Remarks {
+    let &Answer { declared, axis, score, detection, prepared } = answer;
     let visibility = prepared.visibility.as_ref();
     let is_open = declared == Order::Auto;
-    let assumed = prepared.surface.assumed_view;
-    let one_view = is_open && (assumed.is_some() || visibility.is_some_and(|v| v.views() == 1));
-    let toward_sensors = prepared.toward_sensors.or(assumed.map(|place| place - prepared.surface.centroid));
-    let aside = toward_sensors.filter(|_| one_view).and_then(|toward| side_view(axis, &toward));
-    let half = half_turn(detection, one_view, !prepared.outward).filter(|_| is_open);
-    let revolves = revolution(detection).filter(|_| is_open && !prepared.outward);
-    let rival = detection.rival.filter(|_| is_open).map(rival);
-    let fine = too_fine(detection).filter(|_| one_view);
-    let details = details(detection).filter(|_| fine.is_none());
-    let faint = (is_open && detection.faint).then(|| FAINT.to_owned());
-    let ambiguity = aside.or(half).or(revolves).or(rival).or(faint).or(fine);
-    let likeness = Likeness::sought(declared, one_view || prepared.one_view(), visibility.is_some());
-    let ambiguity = ambiguity.or_else(|| ambiguity_of_axes(axis, chosen, candidates, &likeness));
-    let ambiguity = ambiguity.or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()));
-    let ambiguity = ambiguity.or_else(|| beyond_sight(&prepared.surface, score));
-    let several_views = visibility.is_some_and(|v| v.views() > 1);
-    let unseen_half = UnseenHalf::found(detection, score).filter(|_| is_open && several_views);
-    let ambiguity =
-        ambiguity.or_else(|| unseen_half.as_ref().filter(|half| half.is_ambiguous()).map(UnseenHalf::remark));
+    let unseen_half = answer.unseen_half();
+    let likely_half = unseen_half.as_ref().filter(|half| half.is_ambiguous());
+    let ambiguity = (answer.ambiguous_order())
+        .or_else(|| ambiguity_of_axes(axis, chosen, candidates, &answer.likeness()))
+        .or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()))
+        .or_else(|| beyond_sight(&prepared.surface, score))
+        .or_else(|| likely_half.map(UnseenHalf::remark));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
@@ -62,10 +56,50 @@ pub(crate) fn remarks(
         warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
         warnings.extend(unseen_half.filter(|half| !half.is_ambiguous()).map(|half| half.remark()));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
-        warnings.extend(details);
+        warnings.extend(details(detection).filter(|_| answer.too_fine().is_none()));
     }
     warnings.extend(thing_beside(prepared.beside));
     Remarks { warnings, ambiguous, doubted }
+}
+
+impl Answer<'_> {
+    /// Whether the order was found in one view, or in what is taken for one.
+    fn is_found_in_one_view(&self) -> bool {
+        let one_view = self.prepared.visibility.as_ref().is_some_and(|v| v.views() == 1);
+        self.declared == Order::Auto && (one_view || self.prepared.surface.assumed_view.is_some())
+    }
+
+    /// Says so when the order that was found may be another one.
+    fn ambiguous_order(&self) -> Option<String> {
+        let &Self { declared, axis, detection, prepared, .. } = self;
+        if declared != Order::Auto {
+            return None;
+        }
+        let one_view = self.is_found_in_one_view();
+        let assumed = prepared.surface.assumed_view.map(|place| place - prepared.surface.centroid);
+        let toward_sensors = prepared.toward_sensors.or(assumed).filter(|_| one_view);
+        (toward_sensors.and_then(|toward| side_view(axis, &toward)))
+            .or_else(|| half_turn(detection, one_view, !prepared.outward))
+            .or_else(|| revolution(detection).filter(|_| !prepared.outward))
+            .or_else(|| detection.rival.map(rival))
+            .or_else(|| detection.faint.then(|| FAINT.to_owned()))
+            .or_else(|| self.too_fine())
+    }
+
+    fn too_fine(&self) -> Option<String> {
+        too_fine(self.detection).filter(|_| self.is_found_in_one_view())
+    }
+
+    fn unseen_half(&self) -> Option<UnseenHalf> {
+        let several_views = self.prepared.visibility.as_ref().is_some_and(|v| v.views() > 1);
+        UnseenHalf::found(self.detection, self.score)
+            .filter(|_| self.declared == Order::Auto && several_views)
+    }
+
+    fn likeness(&self) -> Likeness {
+        let one_view = self.is_found_in_one_view() || self.prepared.one_view();
+        Likeness::sought(self.declared, one_view, self.prepared.visibility.is_some())
+    }
 }
 
 /// Remark on an order that was found without knowing what was seen from where.

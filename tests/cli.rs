@@ -52,6 +52,7 @@ fn scene(folder: &Path, name: &str) -> String {
         colors: Some((0..points.len()).map(|i| [(i % 256) as u8, 7, 9]).collect()),
         viewpoint: Some([1.0, 2.0, 30.0]),
         points,
+        is_mesh: false,
     };
     let path = folder.join(name);
     io::write(&path, &scan).unwrap();
@@ -345,6 +346,25 @@ fn the_order_is_found_without_viewpoints() {
     let estimate: Estimate = serde_json::from_str(&out).unwrap();
     check_hub(&estimate);
     assert!(estimate.warnings.iter().any(|warning| warning.contains("without viewpoints")));
+}
+
+#[test]
+fn the_vertices_of_a_mesh_are_remarked_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.ply");
+    io::write(&path, &io::read(HUB).unwrap()).unwrap();
+    let mut file = std::fs::read(&path).unwrap();
+    let end = file.windows(11).position(|window| window == b"end_header\n").unwrap();
+    file.splice(end..end, *b"element face 1\nproperty list uchar uchar vertex_indices\n");
+    file.extend([3, 0, 1, 2]);
+    for (content, is_mesh) in [(std::fs::read(&path).unwrap(), false), (file, true)] {
+        std::fs::write(&path, content).unwrap();
+        let (code, out, err) = sympose(&["estimate", text(&path), "--order", "5", "--json", "-", "--quiet"]);
+        assert_eq!((code, err.as_str()), (0, ""), "{out}");
+        let estimate: Estimate = serde_json::from_str(&out).unwrap();
+        let remarked = estimate.warnings.iter().any(|warning| warning.contains("the scan is a mesh"));
+        assert_eq!(remarked, is_mesh, "{out}");
+    }
 }
 
 /// Exit code, output and messages for points on a box with three different edges, one of its faces sloping, and a plate

@@ -14,6 +14,7 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
         colors: Some(vec![[1, 2, 3]; points.len()]),
         viewpoint: Some([1.0, 2.0, 3.0]),
         points,
+        is_mesh: false,
     };
     let folder = tempfile::tempdir().unwrap();
     let mut files = Vec::new();

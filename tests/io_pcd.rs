@@ -133,6 +133,7 @@ proptest! {
             colors: colors.then(|| (0..points.len()).map(|i| [i as u8, 0, 255]).collect()),
             viewpoint,
             points,
+            is_mesh: false,
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.pcd");

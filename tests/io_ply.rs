@@ -95,7 +95,8 @@ proptest! {
         }
         let scan = parse(&file);
         let expected: Vec<[f64; 3]> = rows.iter().map(|row| row.map(f64::from)).collect();
-        prop_assert_eq!(scan, Scan { points: expected, ..Scan::default() });
+        let is_mesh = !lists.is_empty();
+        prop_assert_eq!(scan, Scan { points: expected, is_mesh, ..Scan::default() });
         // One byte less and the last element is not whole.
         if encoding != "ascii" {
             prop_assert!(reason(&file[..file.len() - 1]).contains("truncated"));
@@ -117,6 +118,7 @@ proptest! {
             colors: colors.then(|| (0..points.len()).map(|i| [i as u8, 0, 255]).collect()),
             viewpoint,
             points,
+            is_mesh: false,
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.PLY");

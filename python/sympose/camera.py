@@ -278,9 +278,10 @@ class View:
         x, y, z = (points[:, k] - self.center[k] for k in range(3))
         # Not `@`: BLAS would start threads for this, and its rounding may depend on how many.
         rotation = self.world_from_camera[:3, :3]
-        return np.stack(
-            [x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k] for k in range(3)], axis=1
-        )
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite points are none in the camera either
+            return np.stack(
+                [x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k] for k in range(3)], axis=1
+            )
 
 
 def field_of_view(camera: PinholeCamera) -> list[list[float]] | None:

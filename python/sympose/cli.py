@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -86,13 +87,21 @@ def _given(line: Sequence[str]) -> dict[str, Any]:
     found = _core.cli_scan(line)
     if found is None or not is_only_read_here(found[0]):
         return {}
-    path, settings = found
-    scene = read(path)
+    path, settings, timeout = found
+    started = time.perf_counter()
     if settings is not None:
         from sympose.config import Config
-        from sympose.estimation import cloud_of
+        from sympose.estimation import Watch, cloud_of
 
-        return {"cloud": cloud_of(scene, scene.views, Config(**json.loads(settings)))}
+        watch = Watch(timeout)
+        scene, config = read(path), Config(**json.loads(settings))
+        try:
+            cloud = cloud_of(scene, scene.views, config, watch)
+        except DeadlineExceededError:
+            # The estimate finds that, too, and says so as it says everything.
+            cloud = cloud_of(scene, (), config)
+        return {"cloud": cloud | {"elapsed": time.perf_counter() - started}}
+    scene = read(path)
     places = scene.viewpoints
     one_place = places is None or (places == places[0]).all()
     if not one_place:

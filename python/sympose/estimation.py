@@ -18,7 +18,7 @@ from sympose.arrays import as_points
 from sympose.camera import View, as_views, field_of_view
 from sympose.config import Config
 from sympose.errors import DeadlineExceededError, InsufficientDataError, InvalidInputError
-from sympose.scene import Scene
+from sympose.scene import MeshVertices, Scene
 
 __all__ = ["SceneLike", "estimate"]
 
@@ -62,9 +62,10 @@ def estimate(
     Args:
         scene: (N, 3) points in any unit, the path of a file that `read` knows, a `Scene`, or anything with
             `.points` or `.vertices` (Open3D, PyVista, trimesh), with `.normals` where an Open3D cloud has
-            them. NaN points are left out, those at a place that many share, as zeros where a sensor got no
-            return, and those of which a coordinate lies farther from the median than a hundred interquartile
-            ranges, of the coordinate that is spread most.
+            them. Of a mesh the vertices count, with a warning: sample the surface of a model. NaN points are
+            left out, those at a place that many share, as zeros where a sensor got no return, and those of
+            which a coordinate lies farther from the median than a hundred interquartile ranges, of the
+            coordinate that is spread most.
         order: Order of the symmetry, a whole number of at least 2, or "continuous" for a surface of
             revolution. None: that of `config`, by default "auto": found.
         viewpoints: (3,) one position of the sensor, or (N, 3) one for each point. They orient the normals and
@@ -140,10 +141,11 @@ def cloud_of(
     """What `_core` takes of a scene, its foreground segmented where there are views."""
     pictures = [(view.world_from_camera, field_of_view(view.camera)) for view in views or source.views]
     foreground: NDArray[np.bool_] | None = None
-    warnings: list[str] = []
+    warnings = [source.warning] if isinstance(source, MeshVertices) else []
     if views:
         finite = _finite(source.points, settings)
-        foreground, warnings = _segmented(source.points, views, settings.seed, watch or Watch())
+        foreground, remarks = _segmented(source.points, views, settings.seed, watch or Watch())
+        warnings += remarks
         # No view sees points that are not finite; they go on, to be counted among those that are dropped.
         foreground |= ~finite
     return {
@@ -182,10 +184,17 @@ def _as_scene(scene: SceneLike) -> Scene:
         for name in ("points", "vertices"):
             if hasattr(scene, name):
                 points = as_points(getattr(scene, name), f"scene.{name}")
+                if name == "vertices" and _has_faces(scene):
+                    return MeshVertices(points)
                 normals: Any = getattr(scene, "normals", None) if name == "points" else None
                 # A cloud of Open3D without normals has an empty list of them.
                 return Scene(points, normals=normals if np.shape(normals) == points.shape else None)
     return Scene(as_points(cast(ArrayLike, scene), "scene"))
+
+
+def _has_faces(mesh: Any) -> bool:
+    """Whether what has vertices is a mesh of trimesh or Open3D, which also hold clouds like that."""
+    return any(np.size(getattr(mesh, name, ())) > 0 for name in ("faces", "triangles"))
 
 
 def _finite(points: NDArray[np.float64], settings: Config) -> NDArray[np.bool_]:

@@ -122,8 +122,9 @@ class Scene:
             depth = _read_image(
                 depth, ("I;16", "I;16B", "I;16L", "I", "F"), "a depth image of 16 or 32 bits a pixel"
             )
-        if not np.isfinite(depth_scale) or depth_scale <= 0.0:
-            raise InvalidInputError(f"depth_scale must be positive and finite, got {depth_scale!r}")
+        scale = as_floats(depth_scale, "depth_scale")
+        if scale.ndim or not np.isfinite(scale) or scale <= 0.0:
+            raise InvalidInputError(f"depth_scale must be a positive, finite number, got {depth_scale!r}")
         image = as_floats(depth, "depth")
         if image.shape != (camera.height, camera.width):
             raise InvalidInputError(
@@ -135,9 +136,11 @@ class Scene:
         if len(rows) == 0:
             raise InvalidInputError("depth has no valid pixel: all are zero, negative, not finite or masked")
         view = View(camera, np.eye(4) if world_from_camera is None else world_from_camera, name)
-        points = camera.unproject(np.stack([columns, rows], axis=1), image[valid] * depth_scale)
+        points = camera.unproject(np.stack([columns, rows], axis=1), image[valid] * float(scale))
         # The corners of the image can lie beyond the reach of the distortion model.
         known = np.isfinite(points[:, 0])
+        if not known.any():
+            raise InvalidInputError("depth has no pixel within reach of the distortion model of the camera")
         points = points[known] @ view.world_from_camera[:3, :3].T + view.center
         colors = None
         if color is not None:
@@ -206,6 +209,16 @@ class Scene:
             parts.append(f"{len(self.views)} view{'s' if len(self.views) > 1 else ''}")
         label = "" if self.name is None else f"{self.name!r}: "
         return f"Scene({label}{', '.join(parts)})"
+
+
+class MeshVertices(Scene):
+    """The vertices of a mesh, which are the points of a scan only where the mesh was made of one."""
+
+    warning = (
+        "the scan is a mesh, and its vertices were taken for measured points: if it is a model, not a scan, "
+        "sample its surface"
+    )
+    """What an estimate of them says."""
 
 
 def _as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.float64]:

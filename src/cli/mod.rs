@@ -14,6 +14,7 @@ use std::ffi::OsString;
 use std::io::{Write, stderr, stdout};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use crate::cloud::PointCloud;
 use crate::config::Config;
@@ -53,20 +54,32 @@ pub fn run_in_terminal(
     run::run(args, given, &mut stdout(), &mut stderr(), cancel, true)
 }
 
-/// The file with the scan that the arguments name, and the settings for `estimate`; `None` where they name none, or not
-/// rightly, which is for [`run`] to say.
+/// What the arguments say of a scan, for a caller who reads it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedScan {
+    /// The file.
+    pub path: PathBuf,
+    /// The settings for `estimate`.
+    pub config: Option<Config>,
+    /// Time after which `estimate` gives up, reading included.
+    pub timeout: Option<Duration>,
+}
+
+/// The file with the scan that the arguments name; `None` where they name none, or not rightly, which is for [`run`] to say.
 #[must_use]
-pub fn named_scan(args: impl IntoIterator<Item = OsString>) -> Option<(PathBuf, Option<Config>)> {
+pub fn named_scan(args: impl IntoIterator<Item = OsString>) -> Option<NamedScan> {
     let cli: args::Cli = clap::Parser::try_parse_from(args).ok()?;
-    Some(match cli.command {
+    let path = match cli.command {
         args::Command::Estimate(args) => {
-            let config = args.config().ok()?;
-            (args.scan, Some(config))
+            run::check_outputs(&args).ok()?;
+            let config = Some(args.config().ok()?);
+            return Some(NamedScan { path: args.scan, config, timeout: args.timeout });
         }
-        args::Command::Filter(args) => (args.scan, None),
-        args::Command::Plane(args) => (args.scan, None),
-        args::Command::Info(args) => (args.scan, None),
-    })
+        args::Command::Filter(args) => args.scan,
+        args::Command::Plane(args) => args.scan,
+        args::Command::Info(args) => args.scan,
+    };
+    Some(NamedScan { path, config: None, timeout: None })
 }
 
 /// What a caller has read from a file of a kind that [`crate::io`] does not know.
@@ -81,6 +94,8 @@ pub enum Given {
         rows: Option<Vec<u32>>,
         /// Put before those of the estimate.
         warnings: Vec<String>,
+        /// Time that it took to read it, which counts for a timeout.
+        elapsed: Duration,
     },
 }
 

@@ -26,6 +26,10 @@ const BAD_INPUT: u8 = 2;
 /// What a shell reports for a program that Ctrl-C has ended.
 const CANCELLED: u8 = 130;
 
+/// What is said of the vertices of a mesh.
+const IS_MESH: &str = "the scan is a mesh, and its vertices were taken for measured points: if it is a model, not a scan, \
+                       sample its surface";
+
 pub(super) fn run(
     args: impl IntoIterator<Item = OsString>,
     given: Option<Given>,
@@ -109,10 +113,7 @@ fn estimate(
 ) -> Result<u8> {
     let estimator = Estimator::new(args.config()?)?;
     // Before the work, not after it.
-    if let Some(path) = &args.completed {
-        Format::of(path)?;
-    }
-    args.completed.iter().chain(&args.json).try_for_each(|path| has_folder(path))?;
+    check_outputs(args)?;
     match find_pose(args, given, &estimator, control, progress) {
         Ok(estimate) => report(args, &estimate, streams),
         Err(error) => {
@@ -122,6 +123,14 @@ fn estimate(
             Err(error)
         }
     }
+}
+
+/// Fails where a file could not be written in the end.
+pub(super) fn check_outputs(args: &EstimateArgs) -> Result<()> {
+    if let Some(path) = &args.completed {
+        Format::of(path)?;
+    }
+    args.completed.iter().chain(&args.json).try_for_each(|path| has_folder(path))
 }
 
 /// Fails where the folder that a file is to be written to is none.
@@ -142,8 +151,15 @@ fn find_pose(
     progress: bool,
 ) -> Result<Estimate> {
     let (mut cloud, rows, warnings) = match given {
-        Some(Given::Cloud { cloud, rows, warnings }) => (cloud, rows, warnings),
-        given => (read(&args.scan, given, &control)?.into_cloud()?, None, Vec::new()),
+        Some(Given::Cloud { cloud, rows, warnings, elapsed }) => {
+            control = control.with_elapsed(elapsed);
+            (cloud, rows, warnings)
+        }
+        given => {
+            let scan = read(&args.scan, given, &control)?;
+            let warnings = scan.is_mesh.then(|| IS_MESH.to_owned()).into_iter().collect();
+            (scan.into_cloud()?, None, warnings)
+        }
     };
     if let Some(viewpoint) = args.viewpoint() {
         cloud = cloud.with_viewpoints([viewpoint])?;
@@ -175,11 +191,10 @@ fn report(args: &EstimateArgs, estimate: &Estimate, streams: &mut Streams) -> Re
         return Ok(DONE);
     }
     if !args.quiet {
-        streams.remark(&format!(
-            "sympose: the score {:.2} is below {}: do not act on this pose\n",
-            estimate.score,
-            Estimate::TRUSTWORTHY
-        ));
+        // Rounded down: one that is below the limit must not look as if it were there.
+        let score = (1000.0 * estimate.score).floor() / 1000.0;
+        let least = Estimate::TRUSTWORTHY;
+        streams.remark(&format!("sympose: the score {score:.3} is below {least}: do not act on this pose\n"));
     }
     Ok(NO_POSE)
 }
@@ -261,12 +276,6 @@ fn plane(args: &PlaneArgs, given: Option<Given>, streams: &mut Streams, control:
     let params = PlaneParams { distance, seed: args.seed, ..PlaneParams::default() };
     let plane = segment_plane(&scan.points, &params)?;
     control.check()?;
-    if let Some(path) = &args.remove {
-        let mut inliers = plane.inliers.iter().copied().peekable();
-        let rest: Vec<u32> =
-            (0..).take(scan.points.len()).filter(|index| inliers.next_if_eq(index).is_none()).collect();
-        write(path, &select(&scan, &rest), streams)?;
-    }
     let report = PlaneReport {
         coefficients: plane.coefficients,
         distance,
@@ -278,6 +287,12 @@ fn plane(args: &PlaneArgs, given: Option<Given>, streams: &mut Streams, control:
         streams.json(Path::new("-"), &report)?;
     } else {
         streams.result(&output::plane_text(&report))?;
+    }
+    if let Some(path) = &args.remove {
+        let mut inliers = plane.inliers.iter().copied().peekable();
+        let rest: Vec<u32> =
+            (0..).take(scan.points.len()).filter(|index| inliers.next_if_eq(index).is_none()).collect();
+        write(path, &select(&scan, &rest), streams)?;
     }
     Ok(DONE)
 }
@@ -319,6 +334,7 @@ fn select(scan: &Scan, indices: &[u32]) -> Scan {
         normals: scan.normals.as_ref().map(|normals| rows(normals, indices)),
         colors: scan.colors.as_ref().map(|colors| rows(colors, indices)),
         viewpoint: scan.viewpoint,
+        is_mesh: scan.is_mesh,
     }
 }
 
@@ -344,6 +360,7 @@ fn voxel_mean(scan: &Scan, size: f64) -> Result<Scan> {
             .as_ref()
             .map(|c| grid.mean_of(&wide(c)).into_iter().map(|v| v.map(byte)).collect()),
         viewpoint: scan.viewpoint,
+        is_mesh: scan.is_mesh,
         points: grid.points,
     })
 }

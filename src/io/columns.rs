@@ -63,6 +63,7 @@ pub(super) fn assemble(
         normals: roles.normals.map(&columns).and_then(known_normals),
         colors,
         viewpoint: None,
+        is_mesh: false,
     })
 }
 

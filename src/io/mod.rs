@@ -35,6 +35,8 @@ pub struct Scan {
     pub colors: Option<Vec<[u8; 3]>>,
     /// Where the sensor stood.
     pub viewpoint: Option<[f64; 3]>,
+    /// Whether the points are the vertices of a mesh: those of a CAD model lie where its edges meet, not all over its surface.
+    pub is_mesh: bool,
 }
 
 impl Scan {

@@ -189,7 +189,7 @@ impl Header {
         for line in body.split(|byte| *byte == b'\n') {
             let line = String::from_utf8_lossy(line);
             let mut tokens = line.split_ascii_whitespace().peekable();
-            if tokens.peek().is_none() {
+            if tokens.peek().is_none_or(|token| token.starts_with('#')) {
                 continue;
             }
             let parsed: Option<()> = self.columns.iter().try_for_each(|column| {

@@ -35,6 +35,7 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
     let (encoding, elements) = header(&mut rest, end)?;
     let mut scan = None;
     let mut viewpoint = None;
+    let mut is_mesh = false;
     for element in &elements {
         let table = match encoding {
             Encoding::Ascii => text_rows(element, &mut rest, end)?,
@@ -46,13 +47,14 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
         match element.name.as_str() {
             "vertex" => scan = Some(table.scan()?),
             "camera" => viewpoint = sensor(&table),
+            "face" | "tristrips" => is_mesh |= element.count > 0,
             _ => {}
         }
     }
     let names = || elements.iter().map(|element| element.name.as_str()).collect::<Vec<_>>();
     let scan =
         scan.ok_or_else(|| format!("expected an element vertex, found {}", super::columns::list(&names())))?;
-    Ok(Scan { viewpoint, ..scan })
+    Ok(Scan { viewpoint, is_mesh, ..scan })
 }
 
 /// Position of the sensor in the `camera` element that PCL writes; at the origin it says nothing.

@@ -1,11 +1,11 @@
 //! From the raw cloud to the surface of the part: region, frame, ground, voxels, outliers, cluster, normals.
 
 mod clean;
+mod cut_out;
 mod patches;
 mod resolution;
 mod scene;
 mod stacks;
-mod support;
 mod voxels;
 
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -22,10 +22,10 @@ use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::ViewErrors;
 use crate::symmetry::visibility::Visibility;
 use clean::{Cleaned, clean};
+use cut_out::{Part, cut_out, find_under};
 use patches::Patches;
 use resolution::width;
 use scene::{Scene, enough};
-use support::{Part, cut_out, find_under};
 use voxels::Voxels;
 
 /// The surface of the part in a frame that turns with the data, and where it came from.

@@ -2,25 +2,26 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use super::input::Input;
 use super::interrupt::interruptible;
 use super::{arrays, errors, pool};
-use crate::cli::{self, Given};
+use crate::cli::{self, Given, NamedScan};
 use crate::io::Scan;
 
 /// The file with the scan that the arguments of the command line name (the name of the program first).
 ///
 /// Returns:
-///     Its path, and for `estimate` the settings as JSON. None where the arguments name none, or not rightly: `cli_main`
-///     says so.
+///     Its path, and for `estimate` the settings as JSON and the timeout in seconds. None where the arguments name none, or not
+///     rightly: `cli_main` says so.
 #[pyfunction]
-pub(super) fn cli_scan(arguments: Vec<OsString>) -> Option<(PathBuf, Option<String>)> {
-    let (path, config) = cli::named_scan(arguments)?;
+pub(super) fn cli_scan(arguments: Vec<OsString>) -> Option<(PathBuf, Option<String>, Option<f64>)> {
+    let NamedScan { path, config, timeout } = cli::named_scan(arguments)?;
     let json = config.as_ref().map(serde_json::to_string).transpose().ok()?;
-    Some((path, json))
+    Some((path, json, timeout.map(|timeout| timeout.as_secs_f64())))
 }
 
 /// Run the command line on `arguments` (the name of the program first), and return the exit code.
@@ -67,7 +68,7 @@ impl ReadScan<'_> {
         let Self { points, normals, colors, viewpoint } = self;
         let points = arrays::points(&points, "points")?;
         let normals = normals.map(|normals| arrays::points(&normals, "normals")).transpose()?;
-        Ok(Given::Scan(Scan { points, normals, colors, viewpoint }))
+        Ok(Given::Scan(Scan { points, normals, colors, viewpoint, is_mesh: false }))
     }
 }
 
@@ -81,14 +82,16 @@ pub(super) struct ReadCloud<'py> {
     foreground: Option<Bound<'py, PyAny>>,
     pictures: Vec<(Bound<'py, PyAny>, [[f64; 2]; 2])>,
     warnings: Vec<String>,
+    elapsed: f64,
 }
 
 impl ReadCloud<'_> {
     fn given(self, py: Python<'_>) -> PyResult<Given> {
-        let Self { points, viewpoints, normals, foreground, pictures, warnings } = self;
+        let Self { points, viewpoints, normals, foreground, pictures, warnings, elapsed } = self;
         let input =
             Input::new(&points, viewpoints.as_ref(), normals.as_ref(), foreground.as_ref(), pictures)?;
         let (cloud, rows) = pool::run(py, || input.into_cloud())?;
-        Ok(Given::Cloud { cloud, rows, warnings })
+        let elapsed = Duration::try_from_secs_f64(elapsed).unwrap_or_default();
+        Ok(Given::Cloud { cloud, rows, warnings, elapsed })
     }
 }

@@ -206,7 +206,7 @@ impl PyEstimate {
     ///     (S, 4, 4) world_from_object; the first is `pose`.
     ///
     /// Raises:
-    ///     InvalidInputError: `steps` is below 1.
+    ///     InvalidInputError: `steps` is not from 1 to 1,000,000.
     #[pyo3(signature = (steps=36))]
     fn equivalent_poses<'py>(&self, py: Python<'py>, steps: i64) -> PyResult<Bound<'py, PyAny>> {
         let Ok(steps @ 1..=MAX_STEPS) = u32::try_from(steps) else {
@@ -251,6 +251,7 @@ impl PyEstimate {
     ///
     /// Raises:
     ///     InsufficientDataError: The estimate was stored without its points.
+    ///     InvalidInputError: The points of an estimate from a file are none of a part: not finite, or most at one place.
     ///
     /// Example:
     ///     >>> taught = sympose.estimate("first.ply", order=5).as_reference()  # doctest: +SKIP

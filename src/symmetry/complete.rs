@@ -8,13 +8,16 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::error::Result;
+use crate::error::{Error, Result, shown};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
 use crate::validate::positive;
 
 /// Points in a unit of parallel work.
 const CHUNK: usize = 2048;
+
+/// Points of a completed surface, at most.
+const MOST_POINTS: u64 = 50_000_000;
 
 /// The completed part.
 #[derive(Debug, Clone, Default)]
@@ -69,8 +72,8 @@ impl RingCells {
 /// in a ring as such edges.
 ///
 /// # Errors
-/// [`Error::InvalidParameter`](crate::Error::InvalidParameter) for an order that is no symmetry, or a `cell` that is not
-/// positive and finite.
+/// [`Error::InvalidParameter`] for an order that is no symmetry, or a `cell` that is not positive and finite, or so small that
+/// the whole would have more than fifty million points.
 pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -> Result<Completion> {
     let order = order.validate()?;
     positive("cell", cell)?;
@@ -92,6 +95,12 @@ pub fn complete(points: &[Vector3<f64>], axis: &Axis, order: Order, cell: f64) -
         .collect();
     folded.par_sort_by_key(|f| (f.key, f.sector));
 
+    let cells = folded.chunk_by(|a, b| a.key == b.key);
+    let whole: u64 = cells.map(|members| u64::from(RingCells::new(order, members[0].key.1).sectors)).sum();
+    if whole > MOST_POINTS {
+        let expected = "cells of which fifty million at most make up the whole surface";
+        return Err(Error::InvalidParameter { name: "cell", value: shown(cell), expected });
+    }
     let mut completion = Completion::default();
     let mut measured = 0usize;
     for members in folded.chunk_by(|a, b| a.key == b.key) {

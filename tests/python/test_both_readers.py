@@ -82,6 +82,19 @@ def test_ply_of_plyfile(tmp_path: Path, real: str, text: bool, order: str) -> No
     np.testing.assert_array_equal(scene.colors, COLORS)
 
 
+@pytest.mark.parametrize("letters", ["utf-8", "latin-1"])
+@pytest.mark.parametrize("text", [True, False])
+def test_ply_with_any_letters_in_a_comment(tmp_path: Path, letters: str, text: bool) -> None:
+    from plyfile import PlyData, PlyElement
+
+    element = PlyElement.describe(vertices("f8"), "vertex", comments=["made of part.stl"])
+    path = tmp_path / "cloud.ply"
+    PlyData([element], text=text).write(str(path))
+    plain = same(path)
+    path.write_bytes(path.read_bytes().replace(b"part.stl", "größe.stl".encode(letters)))
+    np.testing.assert_array_equal(same(path).points, plain.points)
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_little_endian"])
 def test_ply_of_trimesh(tmp_path: Path, encoding: str) -> None:
     trimesh = pytest.importorskip("trimesh")
@@ -272,3 +285,16 @@ def test_what_open3d_writes(tmp_path: Path, suffix: str, options: dict[str, bool
     if suffix != "xyz":
         assert scene.normals is not None
         np.testing.assert_array_equal(scene.colors, COLORS)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "ASCII", "Binary"])
+def test_pcd_in_either_case_and_with_remarks(tmp_path: Path, encoding: str) -> None:
+    header = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z _ _\nSIZE 8 8 8 1 1\nTYPE f F f u U\nCOUNT 1 1 1 1 3\n"
+        f"WIDTH 60\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 60\nDATA {encoding}\n"
+    )
+    text = "".join(f"{x!r} {y!r} {z!r} 1 2 3 4\n" for x, y, z in POINTS.tolist())
+    rows = [point.tobytes() + b"abcd" for point in POINTS]
+    body = b"".join(rows) if encoding == "Binary" else f"# made by hand\n{text}".encode()
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + body)
+    np.testing.assert_array_equal(same(tmp_path / "cloud.pcd").points, POINTS)

@@ -53,6 +53,24 @@ def test_a_plate_under_a_part_is_left_out(name: str, thickness: float, ground: s
     assert any("taken to stand on a plate" in warning for warning in found.warnings) == (ground == "auto")
 
 
+@pytest.mark.parametrize(("name", "thickness"), [("propeller_3", 0.05), ("wheel_hub_5", 0.2)])
+def test_a_plate_is_left_out_however_the_part_is_sought(name: str, thickness: float) -> None:
+    scene, order = on_plate(name, thickness).scene, part(name).order
+    found = sympose.estimate(scene)
+    reference = found.as_reference()
+    for options in (
+        {"order": order},
+        {"initial": found},
+        {"initial": found, "order": order},
+        {"reference": reference},
+        {"reference": reference, "initial": found},
+    ):
+        again = sympose.estimate(scene, prefer=found, **options)  # type: ignore[arg-type]
+        moved = (again.pose - found.pose) @ [0.5, 0.5, 0.5, 1.0]
+        assert np.linalg.norm(moved) < 1e-3, options
+        assert again.score > 0.9
+
+
 def test_a_plate_is_named_where_it_may_be_of_the_part() -> None:
     """Many a casting without symmetry has a round boss."""
     with pytest.raises(

@@ -101,6 +101,20 @@ def test_other_libraries_are_known_by_what_they_have(part: Part, estimate: sympo
         sympose.estimate(SimpleNamespace(points=np.zeros((4, 2))))
 
 
+def test_the_vertices_of_a_mesh_are_remarked_on(part: Part, tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    triangles = [[0, 1, 2]]
+    mesh = trimesh.Trimesh(part.points, triangles, process=False)
+    path = tmp_path / "mesh.ply"
+    path.write_bytes(trimesh.exchange.ply.export_ply(mesh))
+    of_open3d = SimpleNamespace(vertices=part.points, triangles=triangles, vertex_normals=[])
+    for scene in (mesh, of_open3d, path):
+        assert "the scan is a mesh" in estimate(scene, part).warnings[0]
+    without = SimpleNamespace(vertices=part.points, triangles=np.empty((0, 3)))
+    for cloud in (trimesh.PointCloud(part.points), without):
+        assert not estimate(cloud, part).warnings
+
+
 def test_objects_of_open3d_and_trimesh(part: Part, estimate: sympose.Estimate) -> None:
     trimesh = pytest.importorskip("trimesh")
     cloud = trimesh.PointCloud(part.points)
@@ -199,6 +213,30 @@ def test_a_wrong_shape_is_named(bad: Any) -> None:
 def test_degenerate_clouds_are_refused(points: Points) -> None:
     with pytest.raises(InsufficientDataError):
         sympose.estimate(points, order=3)
+
+
+@pytest.mark.parametrize("order", ["continuous", 60, 360, None])
+@pytest.mark.parametrize("shape", ["square", "disc", "grid"])
+def test_a_hint_along_a_plane_leads_to_no_axis_far_away(shape: str, order: int | str | None) -> None:
+    sheet = np.zeros((2000, 3))
+    sheet[:, :2] = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 2))
+    if shape == "disc":
+        sheet = sheet[np.linalg.norm(sheet, axis=1) < 0.5]
+    if shape == "grid":
+        sheet[:, :2] = np.round(sheet[:, :2] * 30.0) / 30.0
+    try:
+        found = sympose.estimate(sheet, order=order, axis_hint=[1.0, 0.0, 0.0])
+    except sympose.NoSymmetryError:
+        return
+    assert found.score < 0.5
+    assert np.linalg.norm(found.center) < 2.0
+
+
+def test_a_completed_cloud_without_bounds_is_refused(part: Part) -> None:
+    anything = {"min_neighbors": 0, "radius": 1e6, "scattered": None, "off_surface": None, "std_ratio": 1e6}
+    fine = Config(voxel_size=1e-5, cluster="off", outliers=anything)
+    with pytest.raises(InvalidInputError, match="voxel_size"):
+        sympose.estimate(part.points, order="continuous", viewpoints=part.viewpoint, config=fine)
 
 
 def test_all_nan_overflowing_and_vanishing_clouds_are_refused() -> None:

@@ -60,6 +60,7 @@ def test_npz_with_a_depth_image(tmp_path, key):
         {"depth": np.ones((4, 5))},
         {"depth": np.ones((4, 5)), "K": np.eye(4)},
         {"depth": np.ones((4, 5)), "K": np.ones((3, 3))},
+        {"depth": np.ones((4, 5)), "K": [[5.0, 0.0, 2.0], [0.1, 5.0, 2.0], [0.0, 0.0, 1.0]]},
         {"depth": np.ones(20), "K": np.eye(3)},
         {"depth": np.zeros((4, 5)), "K": np.eye(3)},
         {"points": POINTS[:, :2]},

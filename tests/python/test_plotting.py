@@ -45,6 +45,11 @@ def text_of(figure: Figure) -> str:
     return "\n".join(texts + titles)
 
 
+def test_names_of_files_are_no_formulas(tmp_path: Path) -> None:
+    for name in ("part$_{$.ply", "part\udcff.ply"):
+        plot_scene(sympose.Scene(wavy_dish(), name=name), tmp_path / "scene.png")
+
+
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_plot_saves_what_can_be_opened(found: sympose.Estimate, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"pose.{suffix}"

@@ -196,6 +196,9 @@ def test_files_that_are_no_depth_image(tmp_path):
         {"depth": np.ones((6, 8)), "depth_scale": 0.0},
         {"depth": np.ones((6, 8)), "depth_scale": -1.0},
         {"depth": np.ones((6, 8)), "depth_scale": np.nan},
+        {"depth": np.ones((6, 8)), "depth_scale": None},
+        {"depth": np.ones((6, 8)), "depth_scale": "large"},
+        {"depth": np.ones((6, 8)), "depth_scale": [0.001, 0.001]},
         {"depth": np.ones((6, 8)), "color": np.zeros((6, 8), dtype=np.uint8)},
         {"depth": np.ones((6, 8)), "color": np.full((6, 8, 3), 7.0)},
         {"depth": np.ones((6, 8)), "world_from_camera": 2.0 * np.eye(4)},
@@ -204,6 +207,12 @@ def test_files_that_are_no_depth_image(tmp_path):
 def test_bad_depth_arguments(arguments):
     with pytest.raises(InvalidInputError):
         Scene.from_depth(camera=CAMERA, **arguments)
+
+
+def test_a_depth_image_that_is_all_beyond_the_distortion_model():
+    camera = PinholeCamera(8, 6, fx=5.0, fy=5.0, cx=-400.0, cy=2.5, distortion=(1e300, 1e300))
+    with pytest.raises(InvalidInputError, match="distortion"):
+        Scene.from_depth(np.ones((6, 8)), camera)
 
 
 def test_merge_keeps_what_all_know():

@@ -33,6 +33,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `evaluate` reads, so that `sympose evaluate` has the same options."""
+    parser.epilog = (
+        "A folder of meshes has a manifest.json, a list of objects such as "
+        '{"name": "hub", "class": "wheel_hub", "file": "hub.stl", "order": 5}: order 0 is a surface of '
+        "revolution, 1 a part without symmetry. The diameter of a mesh is 1, its axis +z."
+    )
     parser.add_argument(
         "--parts", default="own", help="own, or folders of meshes with a manifest, by comma (default: own)"
     )

@@ -133,4 +133,5 @@ def _viewpoints(
     distance[numbers[view] != points.track_images] = np.inf
     by_distance = np.lexsort((distance, owner))
     nearest = by_distance[np.cumsum(points.track_lengths) - points.track_lengths]
-    return centers[view[nearest]] if np.isfinite(distance[nearest]).all() else None
+    is_known = np.isfinite(distance[nearest]) | ~np.isfinite(points.xyz).all(axis=1)
+    return centers[view[nearest]] if is_known.all() else None

@@ -98,7 +98,8 @@ def _one_number(value: NDArray[Any], name: str, path: Path) -> float:
 
 
 def _camera(matrix: NDArray[np.float64], depth: NDArray[Any], path: Path) -> PinholeCamera:
-    if matrix.shape != (3, 3) or matrix[0, 1] != 0.0 or matrix[2].tolist() != [0.0, 0.0, 1.0]:
+    is_pinhole = matrix.shape == (3, 3) and matrix[0, 1] == matrix[1, 0] == 0.0
+    if not is_pinhole or matrix[2].tolist() != [0.0, 0.0, 1.0]:
         raise InvalidInputError(f"{path}: K must be fx 0 cx, 0 fy cy, 0 0 1, got {matrix.tolist()}")
     if depth.ndim != 2:
         raise InvalidInputError(f"{path}: depth must have shape (H, W), got {depth.shape}")

@@ -74,7 +74,8 @@ def write_pcd(path: Path, scene: Scene, single: bool) -> None:
 def _plain(content: bytes, path: Path) -> bytes:
     """Bring what PCL accepts, and pypcd4 does not, into the form that both do.
 
-    That is headers of older versions, headers without COUNT, and ascii rows parted by tabs or several blanks.
+    That is headers of older versions or in the other case, headers without COUNT, and ascii rows parted by
+    tabs or several blanks.
     """
     header: list[bytes] = []
     rest = content
@@ -83,7 +84,9 @@ def _plain(content: bytes, path: Path) -> bytes:
         if not newline:
             raise InvalidInputError(f"{path}: the PCD header ends without a line DATA")
         header.append(b" ".join(line.split()))
+    header[-1] = b"DATA " + header[-1][4:].strip().lower()
     kept = [line for line in header if line and not line.startswith((b"#", b"VERSION"))]
+    kept = [line.upper() if line.startswith(b"TYPE") else line for line in kept]
     fields = next((line for line in kept if line.startswith(b"FIELDS")), b"FIELDS")
     if not any(line.startswith(b"COUNT") for line in kept):
         kept.insert(-1, b"COUNT" + b" 1" * (len(fields.split()) - 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from sympose.errors import InvalidInputError
 from sympose.io.columns import find_columns, known_normals, to_colors
-from sympose.scene import Scene
+from sympose.scene import MeshVertices, Scene
 
 if TYPE_CHECKING:
     from plyfile import PlyData  # type: ignore[import-untyped]
@@ -25,7 +26,7 @@ def read_ply(path: Path) -> Scene:
     except ImportError as error:
         raise ImportError("reading PLY needs plyfile: pip install 'sympose[io]'") from error
 
-    ply = PlyData.read(str(path))
+    ply = PlyData.read(_in_ascii(path))
     if "vertex" not in ply:
         elements = ", ".join(element.name for element in ply) or "none"
         raise InvalidInputError(f"{path}: the PLY file has no element vertex, only {elements}")
@@ -36,7 +37,8 @@ def read_ply(path: Path) -> Scene:
             f"{path}: the vertices of the PLY file have no x y z, only {vertices.dtype.names}"
         )
     columns = {part: np.stack([vertices[name] for name in names], axis=1) for part, names in found.items()}
-    return Scene(
+    is_mesh = any(name in ply and ply[name].count > 0 for name in ("face", "tristrips"))
+    return (MeshVertices if is_mesh else Scene)(
         columns["points"],
         to_colors(columns.get("colors")),
         known_normals(columns.get("normals")),
@@ -65,6 +67,17 @@ def write_ply(path: Path, scene: Scene, single: bool) -> None:
     for name, _, column in columns:
         vertices[name] = column
     PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(path))
+
+
+def _in_ascii(path: Path) -> str | io.BytesIO:
+    """The file, its header without the other letters that comments may have, which plyfile refuses."""
+    with path.open("rb") as file:
+        header = file.read(65536).partition(b"end_header")[0]
+    if header.isascii():
+        return str(path)
+    content = path.read_bytes()
+    plain = header.decode("ascii", "replace").replace("\N{REPLACEMENT CHARACTER}", "?").encode()
+    return io.BytesIO(plain + content[len(header) :])
 
 
 def _viewpoint(ply: PlyData) -> NDArray[np.float64] | None:

@@ -87,7 +87,9 @@ def show(draw: Callable[[Figure], None], size: tuple[float, float]) -> None:
 
 def label(axes: Axes, title: str, x: str = "", y: str = "") -> None:
     """Write title and axis labels, and leave only the lines that help reading."""
-    axes.set_title(title, fontsize=10.5, fontweight="bold", color=INK, loc="left")
+    # Names of files may have anything in them: a formula, or bytes that are no letters.
+    title = title.encode(errors="replace").decode()
+    axes.set_title(title, fontsize=10.5, fontweight="bold", color=INK, loc="left", parse_math=False)
     axes.set_xlabel(x, fontsize=9, color=INK)
     axes.set_ylabel(y, fontsize=9, color=INK)
     axes.tick_params(labelsize=8, colors=INK)

@@ -1,0 +1,57 @@
+//! What is said where no axis holds.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::error::{Error, Evidence};
+use crate::estimate::Estimator;
+use crate::prepare::Prepared;
+use crate::remarks::lost_returns;
+use crate::symmetry::axis::Axis;
+
+/// What is said first.
+const NO_SYMMETRY: &str = "no rotational symmetry explains the data";
+
+/// An axis about which no order holds.
+pub(crate) struct Refusal {
+    pub axis: Axis,
+    /// Share of the observed surface that the best order explains.
+    pub explained: f64,
+    /// Score under the turns that brought the axis there.
+    pub score: f64,
+}
+
+impl Estimator {
+    /// The refusal where no order held; `best` is the axis that came nearest.
+    pub(crate) fn no_symmetry(&self, prepared: &Prepared, best: Option<Refusal>) -> Error {
+        let world = |p: Vector3<f64>| (prepared.world_from_local * Point3::from(p)).coords.into();
+        let mut advice = String::new();
+        if self.config().axis_hint.is_some() {
+            advice += "; axis_hint keeps other directions out of the search";
+        }
+        if !prepared.outward {
+            advice += "; give the viewpoint or the order, which say more";
+        }
+        if self.config().roi.is_none() && best.is_some() {
+            advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
+        }
+        let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
+        advice.extend(lost.map(|lost| format!("; {lost}")));
+        let evidence = match best {
+            Some(Refusal { axis, explained, score }) => Evidence {
+                axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
+                center: world(axis.point),
+                explained,
+                score,
+                reason: format!(
+                    "{NO_SYMMETRY}: about the best axis no rotation maps the part to itself{advice}"
+                ),
+            },
+            None => Evidence {
+                center: world(prepared.surface.centroid),
+                reason: format!("{NO_SYMMETRY}: no direction within reach could be aligned{advice}"),
+                ..Evidence::default()
+            },
+        };
+        Error::NoSymmetry { evidence }
+    }
+}
