@@ -24,8 +24,8 @@ pub enum NonFinite {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GroundMode {
-    /// Remove a plane only when it passes the support test; one with its sides in sight, as a plate has, only where nothing fits
-    /// with it.
+    /// Remove a plane only when it passes the support test; one with its sides in sight, as a plate has, only where no order
+    /// is found together with it.
     #[default]
     Auto,
     /// Remove the largest plane that has the rest of the scene, but for its own sides, on one side.

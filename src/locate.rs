@@ -26,7 +26,7 @@ const FOLLOWED: f64 = 0.8;
 
 /// Remark where the whole has no symmetry, but what stands on a plate has.
 const OFF_PLATE: &str = "the part was taken to stand on a plate, which was left out: nothing fits with it; set ground = \
-                         \"off\" if the plate is of the part";
+                         \"off\" if the plate is of the part, or \"on\" to leave it out at once";
 
 /// Advice where a plate was taken for a piece of the part, of which it may be one.
 const ON_PLATE: &str =
