@@ -121,6 +121,9 @@ impl Estimator {
         };
         if order != start {
             refined = self.refine(surface, refined.axis, order, control)?;
+            if self.is_out_of_reach(prepared, &refined.axis) {
+                return Ok(Outcome::OutOfReach);
+            }
         }
         let score = self.score(prepared, &refined.axis, order);
         let answer = Answer { declared, axis: &refined.axis, score: &score, detection: &detection, prepared };
@@ -166,7 +169,7 @@ impl Estimator {
             .map(|hint| prepared.world_from_local.inverse() * Vector3::from(hint).normalize())
     }
 
-    /// Whether an axis has ended away from the part, as about the edge of a plane, which nothing holds, or away from the hint.
+    /// Whether an axis has left the part, as one that lies in a flat sheet may, where nothing holds it, or the hint.
     fn is_out_of_reach(&self, prepared: &Prepared, axis: &Axis) -> bool {
         let centroid = prepared.surface.centroid;
         let hint = self.hint(prepared).and_then(|hint| Axis::new(hint, centroid));

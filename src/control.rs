@@ -54,6 +54,7 @@ impl Control {
     }
 
     /// The clock started earlier, by this much.
+    #[cfg(feature = "cli")]
     #[must_use]
     pub(crate) fn with_elapsed(mut self, elapsed: Duration) -> Self {
         self.started = self.started.checked_sub(elapsed).unwrap_or(self.started);

@@ -220,13 +220,7 @@ impl Estimator {
         if is_turned_over {
             folded = fold_about(&axis);
         }
-        let completion =
-            complete(&refined.points, &axis, *order, prepared.voxel_size).map_err(|error| match error {
-                Error::InvalidParameter { name: "cell", value, expected } => {
-                    Error::InvalidParameter { name: "voxel_size", value, expected }
-                }
-                error => error,
-            })?;
+        let completion = complete(&refined.points, &axis, *order, prepared.voxel_size).map_err(of_voxels)?;
 
         stages.begin("orient")?;
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
@@ -294,6 +288,16 @@ impl Estimator {
                 [angle, score.value()]
             })
             .collect()
+    }
+}
+
+/// Cells of the completion are the voxels that the caller set.
+fn of_voxels(error: Error) -> Error {
+    match error {
+        Error::InvalidParameter { name: "cell", value, expected } => {
+            Error::InvalidParameter { name: "voxel_size", value, expected }
+        }
+        error => error,
     }
 }
 
