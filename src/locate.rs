@@ -90,7 +90,7 @@ impl Estimator {
         whole
     }
 
-    /// What stands on the plate, unless it is no more certain than the whole was.
+    /// What stands on the plate; `None` where that is no certain answer either.
     fn search_off_plate(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Option<Aligned>> {
         let prepared = self.prepare(cloud, Some(Support::Plate), None, stages);
         match prepared.and_then(|prepared| self.search_on(prepared, stages)) {
@@ -98,8 +98,8 @@ impl Estimator {
                 // Round bosses and holes of two-fold outline are on many a part without symmetry.
                 let is_telling =
                     self.config().order != Order::Auto || matches!(aligned.settled.order, Order::Cyclic(3..));
-                let holds = is_telling && !aligned.is_doubtful() && !aligned.is_unexplained();
                 aligned.settled.warnings.push(OFF_PLATE.to_owned());
+                let holds = is_telling && !aligned.is_doubtful() && !aligned.is_unexplained();
                 Ok(holds.then_some(aligned))
             }
             Err(Error::NoSymmetry { .. } | Error::InsufficientData { .. }) => Ok(None),

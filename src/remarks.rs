@@ -42,12 +42,12 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
     let visibility = prepared.visibility.as_ref();
     let is_open = declared == Order::Auto;
     let unseen_half = answer.unseen_half();
-    let likely_half = unseen_half.as_ref().filter(|half| half.is_ambiguous());
+    let ambiguous_half = unseen_half.as_ref().filter(|half| half.is_ambiguous());
     let ambiguity = (answer.ambiguous_order())
         .or_else(|| ambiguity_of_axes(axis, chosen, candidates, &answer.likeness()))
         .or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()))
         .or_else(|| beyond_sight(&prepared.surface, score))
-        .or_else(|| likely_half.map(UnseenHalf::remark));
+        .or_else(|| ambiguous_half.map(UnseenHalf::remark));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
     let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();

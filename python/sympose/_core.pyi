@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "MESH_WARNING",
     "Candidate",
     "Estimate",
     "KdTree",
@@ -32,6 +33,8 @@ __all__ = [
     "voxel_downsample",
 ]
 
+MESH_WARNING: str
+"""What an estimate says of the vertices of a mesh."""
 __version__: str
 
 def cli_main(

@@ -141,7 +141,7 @@ def cloud_of(
     """What `_core` takes of a scene, its foreground segmented where there are views."""
     pictures = [(view.world_from_camera, field_of_view(view.camera)) for view in views or source.views]
     foreground: NDArray[np.bool_] | None = None
-    warnings = [source.warning] if isinstance(source, MeshVertices) else []
+    warnings = [_core.MESH_WARNING] if isinstance(source, MeshVertices) else []
     if views:
         finite = _finite(source.points, settings)
         foreground, remarks = _segmented(source.points, views, settings.seed, watch or Watch())

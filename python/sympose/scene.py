@@ -214,12 +214,6 @@ class Scene:
 class MeshVertices(Scene):
     """The vertices of a mesh, which are the points of a scan only where the mesh was made of one."""
 
-    warning = (
-        "the scan is a mesh, and its vertices were taken for measured points: if it is a model, not a scan, "
-        "sample its surface"
-    )
-    """What an estimate of them says."""
-
 
 def _as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
     rows = as_points(value, name)

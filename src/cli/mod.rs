@@ -82,6 +82,10 @@ pub fn named_scan(args: impl IntoIterator<Item = OsString>) -> Option<NamedScan>
     Some(NamedScan { path, config: None, timeout: None })
 }
 
+/// What an estimate says of the vertices of a mesh.
+pub(crate) const MESH_WARNING: &str = "the scan is a mesh, and its vertices were taken for measured points: if it is a model, not a \
+                                  scan, sample its surface";
+
 /// What a caller has read from a file of a kind that [`crate::io`] does not know.
 pub enum Given {
     /// For `filter`, `plane` and `info`.

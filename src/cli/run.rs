@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::args::{Cli, Command, EstimateArgs, FilterArgs, InfoArgs, PlaneArgs};
 use super::output::{self, Info, PlaneReport};
-use super::{Given, progress};
+use super::{Given, MESH_WARNING, progress};
 use crate::control::{CancelToken, Control};
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, Estimator, Request};
@@ -25,10 +25,6 @@ const NO_POSE: u8 = 1;
 const BAD_INPUT: u8 = 2;
 /// What a shell reports for a program that Ctrl-C has ended.
 const CANCELLED: u8 = 130;
-
-/// What is said of the vertices of a mesh.
-const IS_MESH: &str = "the scan is a mesh, and its vertices were taken for measured points: if it is a model, not a scan, \
-                       sample its surface";
 
 pub(super) fn run(
     args: impl IntoIterator<Item = OsString>,
@@ -157,7 +153,7 @@ fn find_pose(
         }
         given => {
             let scan = read(&args.scan, given, &control)?;
-            let warnings = scan.is_mesh.then(|| IS_MESH.to_owned()).into_iter().collect();
+            let warnings = scan.is_mesh.then(|| MESH_WARNING.to_owned()).into_iter().collect();
             (scan.into_cloud()?, None, warnings)
         }
     };

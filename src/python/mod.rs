@@ -27,6 +27,9 @@ mod _core {
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
     #[pymodule_export]
+    const MESH_WARNING: &str = crate::cli::MESH_WARNING;
+
+    #[pymodule_export]
     use super::call::estimate;
     #[pymodule_export]
     use super::cli::{cli_main, cli_scan};

@@ -170,6 +170,12 @@ def test_view_projects_as_its_camera_does_in_the_camera_frame(seed):
     np.testing.assert_allclose(view.to_camera([view.center]), [[0.0, 0.0, 0.0]], atol=1e-12)
 
 
+def test_infinite_points_are_seen_by_none_and_warn_of_nothing():
+    pixels, _, visible = View(make(()), pose(3)).project([[np.inf, 0.0, 0.0], [-np.inf, np.inf, 1.0]])
+    assert not np.isfinite(pixels).any()
+    assert not visible.any()
+
+
 def test_georeferenced_coordinates_lose_nothing():
     origin = np.array([4.5e5, 5.4e6, 300.0])
     near, far = pose(5), pose(5)

@@ -190,6 +190,19 @@ def test_viewpoints_are_none_where_a_track_names_no_image(tmp_path, kind, change
     assert scene.viewpoints is None
 
 
+def test_a_point_that_is_not_finite_leaves_the_viewpoints_of_the_others(tmp_path, kind):
+    cameras, images, points = make_model()
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    WRITERS[kind](whole, cameras, images, points)
+    points[4]["xyz"] = [np.nan, 0.0, 1.0]
+    WRITERS[kind](tmp_path, cameras, images, points)
+    others = np.arange(len(points)) != 4
+    np.testing.assert_array_equal(
+        read_colmap(tmp_path).viewpoints[others], read_colmap(whole).viewpoints[others]
+    )
+
+
 def test_an_image_beyond_the_model_does_not_disturb_the_rest_of_a_track(tmp_path, kind):
     cameras, images, points = make_model()
     points[4]["track"] = [(999, 0), (images[0]["id"], 0), (1, 0)]

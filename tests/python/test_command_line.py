@@ -107,6 +107,27 @@ def test_other_commands_take_what_only_python_reads(
     assert "not a COLMAP model" in capfd.readouterr().err
 
 
+def test_the_plane_is_told_where_nothing_else_is_left(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    flat = np.random.default_rng(0).uniform(size=(500, 3)) * [1.0, 1.0, 0.0]
+    np.savetxt(tmp_path / "flat.xyz", flat)
+    arguments = ["plane", str(tmp_path / "flat.xyz"), "--distance", "0.01", "--json"]
+    assert main([*arguments, "--remove", str(tmp_path / "rest.ply")]) == 1
+    said = capfd.readouterr()
+    assert json.loads(said.out)["inliers"] == 500
+    assert "0 usable points" in said.err
+
+
+def test_a_low_score_does_not_look_like_the_limit(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    # A cube has other four-fold axes, which halves what the score would be.
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 40)] * 2), axis=-1).reshape(-1, 2)
+    faces = [np.insert(grid, axis, side, axis=1) for axis in range(3) for side in (-1.0, 1.0)]
+    np.savetxt(tmp_path / "cube.xyz", np.concatenate(faces))
+    assert main(["estimate", str(tmp_path / "cube.xyz"), "--order", "4"]) == 1
+    assert "the score 0.4" in capfd.readouterr().err
+
+
 def test_info_and_plane_share_the_code_of_rust(scan: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(scan), "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["points"] == 3000
