@@ -37,6 +37,21 @@ fn a_return_is_missing_in_a_hole_but_not_from_a_surface_at_a_grazing_angle() {
     assert_eq!(seen([0.3, 0.0, 0.3], Some([1.0, 0.0, 0.1])), Seen::Free);
 }
 
+#[test]
+fn a_gap_in_a_narrow_bar_shows_though_the_view_is_mostly_empty() {
+    let at = |i: i32| f64::from(i) / 200.0;
+    let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
+    let is_of_cross = |p: &Vector3<f64>| p.x.abs().min(p.y.abs()) < 0.02;
+    let points: Vec<Vector3<f64>> =
+        lattice.filter(is_of_cross).filter(|p| (p.x - 0.3).abs() > 0.03).collect();
+    let cross =
+        Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0, |_| true, &[])
+            .unwrap();
+    let look = |x: f64| cross.seen(&Vector3::new(x, 0.0, 0.0), None, 0.02, |_| false);
+    assert_eq!(look(0.3), Seen::Missing);
+    assert_eq!(look(0.2), Seen::Hidden, "it was measured");
+}
+
 /// The plate without its hole, each half of it seen from above by the places that `sees` tells.
 fn halves(sees: [[bool; 2]; 2], pictures: &[Picture]) -> Visibility {
     let at = |i: i32| f64::from(i) / 200.0;

@@ -50,16 +50,79 @@ pub(crate) enum Surroundings {
     Picture(Picture),
 }
 
+/// How many points the cells of a grid hold, at most.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PointsPerCell {
+    /// On average, if they filled the square about them.
+    pub(crate) of_square: f64,
+    /// On average over the cells that hold any.
+    pub(crate) filled: f64,
+}
+
+/// Square cells of the slopes against the middle of a view.
+#[derive(Debug, Clone)]
+pub(crate) struct Grid {
+    /// Cells to a slope of one.
+    pub(crate) cells_per_slope: f64,
+    /// Where the grid begins \[cells\].
+    first: [f64; 2],
+    size: [usize; 2],
+}
+
+impl Grid {
+    /// A grid over `count` places; `None` where there are too few.
+    fn over<P: Iterator<Item = [f64; 2]>>(
+        places: impl Fn() -> P,
+        count: usize,
+        points_per_cell: PointsPerCell,
+    ) -> Option<Self> {
+        let mut lower = [f64::INFINITY; 2];
+        let mut upper = [f64::NEG_INFINITY; 2];
+        for uv in places() {
+            for axis in 0..2 {
+                lower[axis] = lower[axis].min(uv[axis]);
+                upper[axis] = upper[axis].max(uv[axis]);
+            }
+        }
+        let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
+        if count < 16 || extent <= 0.0 {
+            return None;
+        }
+        let grid = |cell: f64| {
+            let cells_per_slope = 1.0 / cell.max(extent / MAX_CELLS as f64);
+            let first = lower.map(|x| x * cells_per_slope);
+            let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
+            Self { cells_per_slope, first, size }
+        };
+        let cell = extent * (points_per_cell.of_square / count as f64).sqrt();
+        let coarse = grid(cell);
+        // A propeller leaves most of the square empty, so that a cell is wider than a blade. How much it fills shows in these
+        // cells: between irregular points there are no gaps in them.
+        let mut is_filled = vec![false; coarse.len()];
+        places().for_each(|uv| is_filled[coarse.index(uv)] = true);
+        let filled = is_filled.into_iter().filter(|&filled| filled).count() as f64;
+        let share = f64::min(points_per_cell.filled * filled / count as f64, 1.0);
+        Some(grid(cell * share.sqrt()))
+    }
+
+    /// Number of cells.
+    fn len(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// Index of the cell of a place that lies in the grid.
+    fn index(&self, uv: [f64; 2]) -> usize {
+        let [column, row] = [0, 1].map(|axis| (uv[axis] * self.cells_per_slope - self.first[axis]) as usize);
+        row * self.size[0] + column
+    }
+}
+
 /// Nearest range for each cell of a tangent-plane grid about a camera.
 #[derive(Debug, Clone)]
 pub(crate) struct DepthMap {
     pub(crate) center: Vector3<f64>,
     camera_from_world: Matrix3<f64>,
-    /// Cells to a slope of one against the middle of the view.
-    pub(crate) cells_per_slope: f64,
-    /// Where the map begins, from the middle of the view \[cells\].
-    first: [f64; 2],
-    size: [usize; 2],
+    pub(crate) grid: Grid,
     cells: Vec<Cell>,
     /// What is known of directions beside the points.
     pub(crate) surroundings: Surroundings,
@@ -70,42 +133,19 @@ impl DepthMap {
         center: &Vector3<f64>,
         point_of: impl Fn(usize) -> Vector3<f64> + Sync,
         indices: &[u32],
-        points_per_cell: f64,
+        points_per_cell: PointsPerCell,
     ) -> Option<Self> {
         let (camera_from_world, returns) = looked_at(center, point_of, indices)?;
         let count: usize = returns.iter().map(Vec::len).sum();
-        let mut lower = [f64::INFINITY; 2];
-        let mut upper = [f64::NEG_INFINITY; 2];
-        for (uv, _) in returns.iter().flatten() {
-            for axis in 0..2 {
-                lower[axis] = lower[axis].min(uv[axis]);
-                upper[axis] = upper[axis].max(uv[axis]);
-            }
+        let places = || returns.iter().flatten().map(|(uv, _)| *uv);
+        let grid = Grid::over(places, count, points_per_cell)?;
+        let mut nearest = vec![f32::INFINITY; grid.len()];
+        for (uv, range) in returns.iter().flatten() {
+            let slot = &mut nearest[grid.index(*uv)];
+            *slot = slot.min(*range);
         }
-        let extent = (upper[0] - lower[0]).max(upper[1] - lower[1]);
-        if count < 16 || extent <= 0.0 {
-            return None;
-        }
-        let cell = (extent / MAX_CELLS as f64).max(extent * (points_per_cell / count as f64).sqrt());
-        let cells_per_slope = 1.0 / cell;
-        let first = lower.map(|x| x * cells_per_slope);
-        let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
-        let mut nearest = vec![f32::INFINITY; size[0] * size[1]];
-        for (uv, range) in returns.into_iter().flatten() {
-            let [column, row] = [0, 1].map(|axis| (uv[axis] * cells_per_slope - first[axis]) as usize);
-            let slot = &mut nearest[row * size[0] + column];
-            *slot = slot.min(range);
-        }
-        let cells = with_neighbors(&nearest, size[0]);
-        Some(Self {
-            center: *center,
-            camera_from_world,
-            cells_per_slope,
-            first,
-            size,
-            cells,
-            surroundings: Surroundings::Unknown,
-        })
+        let cells = with_neighbors(&nearest, grid.size[0]);
+        Some(Self { center: *center, camera_from_world, grid, cells, surroundings: Surroundings::Unknown })
     }
 
     /// Directions that none of the `pictures` from here shows: nothing is known about any place there, where the frame cuts
@@ -116,11 +156,13 @@ impl DepthMap {
         }
         let world_from_camera = self.camera_from_world.transpose();
         let is_shown = |column: usize, row: usize| {
-            let slope = |axis: usize, cells: usize| (self.first[axis] + cells as f64) / self.cells_per_slope;
+            let slope = |axis: usize, cells: usize| {
+                (self.grid.first[axis] + cells as f64) / self.grid.cells_per_slope
+            };
             let ray = world_from_camera * Vector3::new(slope(0, column), slope(1, row), 1.0);
             pictures.iter().any(|picture| picture.shows(&(picture.center() + ray)))
         };
-        let [width, height] = self.size;
+        let [width, height] = self.grid.size;
         let corners: Vec<bool> = (0..=height)
             .flat_map(|row| (0..=width).map(move |column| (column, row)))
             .map(|(c, r)| is_shown(c, r))
@@ -147,34 +189,34 @@ impl DepthMap {
                 nearest[index] = 0.0;
             }
         }
-        self.cells = with_neighbors(&nearest, self.size[0]);
+        self.cells = with_neighbors(&nearest, self.grid.size[0]);
     }
 
     /// Column and row of a point, also beside the map; `None` behind the camera.
     #[inline]
     fn place(&self, point: &Vector3<f64>) -> Option<[f64; 2]> {
         let local = self.camera_from_world * (point - self.center);
-        let scale = self.cells_per_slope / local.z;
-        (local.z > 0.0).then(|| [local.x * scale - self.first[0], local.y * scale - self.first[1]])
+        let scale = self.grid.cells_per_slope / local.z;
+        (local.z > 0.0).then(|| [local.x * scale - self.grid.first[0], local.y * scale - self.grid.first[1]])
     }
 
     /// Whether a place lies in the map, or less than `margin` \[cells\] beside it.
     #[inline]
     fn contains(&self, [column, row]: [f64; 2], margin: f64) -> bool {
         let inside = |x: f64, size: usize| x >= -margin && x < size as f64 + margin;
-        inside(column, self.size[0]) && inside(row, self.size[1])
+        inside(column, self.grid.size[0]) && inside(row, self.grid.size[1])
     }
 
     /// Index of the cell that shows a point; `None` out of the map.
     #[inline]
     fn index(&self, point: &Vector3<f64>) -> Option<usize> {
         let [column, row] = self.place(point).filter(|place| self.contains(*place, 0.0))?;
-        Some(row as usize * self.size[0] + column as usize)
+        Some(row as usize * self.grid.size[0] + column as usize)
     }
 
     /// Whether a point lies in empty surroundings.
     fn is_beside(&self, point: &Vector3<f64>) -> bool {
-        let reach = BEYOND * self.size[0].max(self.size[1]) as f64;
+        let reach = BEYOND * self.grid.size[0].max(self.grid.size[1]) as f64;
         let is_shown = |place| match &self.surroundings {
             Surroundings::Unknown => false,
             Surroundings::Near => self.contains(place, reach),

@@ -97,8 +97,7 @@ pub struct Detection {
     pub details: Option<Details>,
     /// Beside a discrete order another one that the data supports as well.
     pub rival: Option<u32>,
-    /// Whether hardly anything in sight tells the discrete order from others. This and the rival may be set where the order is
-    /// refused in the end.
+    /// Whether hardly anything in sight tells the discrete order from others.
     pub faint: bool,
     /// Share of the observed surface that agrees with the order (the best one, when none is accepted), in [0, 1].
     pub explained: f64,
@@ -282,13 +281,16 @@ impl Structure {
         }
     }
 
-    /// The order where the cameras tell what is empty: the largest one that they hardly contradict.
+    /// The order where the cameras tell what is empty: the largest one that they hardly contradict and that explains the surface.
     fn seen_order(&self, survey: &Survey, params: &DetectParams) -> Detection {
         let mut detection = self.detection(survey);
         let contrast = self.generic - self.floor;
+        let explained = |against: f64| 1.0 - survey.structured_share() * against;
         let holds = |e: &OrderEvidence| {
+            let against = e.sum.share_against();
             e.support >= params.support
-                && e.sum.share_against() <= self.floor + params.tolerance * contrast
+                && explained(against) >= params.explained
+                && against <= self.floor + params.tolerance * contrast
                 && e.worst <= self.floor + params.worst_tolerance * contrast
         };
         let holding: Vec<(u32, f64)> = (self.evidence.iter())
@@ -297,10 +299,10 @@ impl Structure {
             .collect();
         match largest_group(&holding) {
             Some((n, against)) if self.floor < params.refused && contrast > params.structured => {
-                detection.explained = 1.0 - survey.structured_share() * against;
+                detection.explained = explained(against);
                 detection.rival = rival(&holding, (n, against), contrast);
                 detection.faint = self.is_faint(n);
-                detection.order = (detection.explained >= params.explained).then_some(Order::Cyclic(n));
+                detection.order = Some(Order::Cyclic(n));
                 detection
             }
             // What structure there is fits no order: a dent or a seam on a surface of revolution, or no symmetry at all.

@@ -8,18 +8,17 @@ use rayon::prelude::*;
 
 use crate::picture::Picture;
 pub use crate::symmetry::depth_map::Seen;
-use crate::symmetry::depth_map::{DepthMap, Surroundings};
+use crate::symmetry::depth_map::{DepthMap, PointsPerCell, Surroundings};
 use crate::viewpoints::NEAR;
 
 /// Views beyond this number add little evidence and cost time; the ones with most points are kept.
 const MAX_VIEWS: usize = 16;
 
-/// Points in a cell if the view were filled, so that a cell without return is a true gap; small, so that holes in the part
-/// show.
-const POINTS_PER_CELL: f64 = 2.0;
+/// Points in a cell, so that one without return is a true gap; small, so that holes in the part show.
+const POINTS_PER_CELL: PointsPerCell = PointsPerCell { of_square: 2.0, filled: 4.0 };
 
 /// The same where returns are lost.
-const LOSSY_POINTS_PER_CELL: f64 = 4.0;
+const LOSSY_POINTS_PER_CELL: PointsPerCell = PointsPerCell { of_square: 4.0, filled: 5.0 };
 
 /// Points of the part that are looked for in every view.
 const LOOKED_AT: usize = 2000;
@@ -77,7 +76,7 @@ impl Visibility {
         let step = own().count().div_ceil(LOOKED_AT).max(1);
         let part: Vec<[Vector3<f64>; 2]> =
             own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
-        let maps = |points_per_cell: f64| -> Vec<DepthMap> {
+        let maps = |points_per_cell: PointsPerCell| -> Vec<DepthMap> {
             let map = |(center, indices): &(&Vector3<f64>, Vec<u32>)| {
                 let mut map = DepthMap::new(center, &point_of, indices, points_per_cell)?;
                 map.hide_beyond(&pictures_from(center, &part, pictures));
@@ -167,7 +166,7 @@ fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
         if (view.center - place).norm() < STRIPS * range {
             continue;
         }
-        let margin = 3.0 * range / view.cells_per_slope;
+        let margin = 3.0 * range / view.grid.cells_per_slope;
         match view.at(point) {
             Some(cell) if cell.nearest.is_infinite() => missing += 1.0,
             Some(cell) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,

@@ -56,8 +56,9 @@ def test_an_ambiguous_answer_has_a_low_score() -> None:
     assert found.score <= 0.5
 
 
-def test_lost_returns_are_told() -> None:
-    scene = scan(part("sprocket_6"), "sphere", views=5, seed=1, dropout=0.3).scene
+@pytest.mark.parametrize("name", ["sprocket_6", "propeller_2"])
+def test_lost_returns_are_told(name: str) -> None:
+    scene = scan(part(name), "sphere", views=5, seed=1, dropout=0.3).scene
     found = sympose.estimate(scene.points, viewpoints=scene.viewpoints)
     assert any("returns are missing" in warning for warning in found.warnings)
 
