@@ -50,8 +50,8 @@ pub enum Error {
         /// What the caller can do.
         hint: &'static str,
     },
-    /// The points lie on a line or coincide, so that no axis can be found.
-    #[error("the points are {shape}: they do not span a surface, so no symmetry axis can be found")]
+    /// The points lie on a line or coincide, so that neither a plane nor an axis can be found.
+    #[error("the points are {shape}: they do not span a surface, which a plane or an axis needs")]
     Degenerate {
         /// "identical", "collinear", or what else keeps them from spanning a surface.
         shape: &'static str,

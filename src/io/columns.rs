@@ -24,6 +24,12 @@ pub(super) enum Kind {
     Real,
 }
 
+/// The first name that is given twice; `_` is that of padding.
+pub(super) fn given_twice<'a>(names: &[&'a str]) -> Option<&'a str> {
+    let is_again = |(i, name): &(usize, &&str)| **name != "_" && names[..*i].contains(*name);
+    names.iter().enumerate().find(is_again).map(|(_, name)| *name)
+}
+
 /// Finds the columns by the names that files use; case does not matter. `None`: no x, y and z.
 pub(super) fn roles(names: &[&str]) -> Option<Roles> {
     let column = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));

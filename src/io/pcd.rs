@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::Scan;
+use super::columns::given_twice;
 use super::lzf;
 use super::ply::push_reals;
 use super::table::{Field, Scalar, Table, fits_f32};
@@ -80,6 +81,10 @@ fn header(content: &[u8]) -> Result<(Header, &[u8]), String> {
             types.len(),
             counts.len()
         ));
+    }
+    let fields: Vec<&str> = names.iter().map(String::as_str).collect();
+    if let Some(name) = given_twice(&fields) {
+        return Err(format!("the PCD header has field {name} twice"));
     }
     let columns = (0..names.len()).map(|i| {
         let count = counts[i].parse().map_err(|_| format!("the PCD header has COUNT {:?}", counts[i]))?;

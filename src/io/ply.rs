@@ -4,7 +4,11 @@
 use std::borrow::Cow;
 
 use super::Scan;
+use super::columns::given_twice;
 use super::table::{Field, Scalar, Table, fits_f32};
+
+/// What the header may call the encoding.
+const FORMATS: &str = "ascii, binary_little_endian or binary_big_endian 1.0";
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Encoding {
@@ -75,9 +79,12 @@ fn header(rest: &mut &[u8], end: u8) -> Result<(Encoding, Vec<Element>), String>
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match (words.as_slice(), elements.last_mut()) {
             (["ply"] | ["comment" | "obj_info", ..] | [], _) => {}
-            (["format", "ascii", _], _) => encoding = Some(Encoding::Ascii),
-            (["format", "binary_little_endian", _], _) => encoding = Some(Encoding::LittleEndian),
-            (["format", "binary_big_endian", _], _) => encoding = Some(Encoding::BigEndian),
+            (["format", "ascii", "1.0"], _) => encoding = Some(Encoding::Ascii),
+            (["format", "binary_little_endian", "1.0"], _) => encoding = Some(Encoding::LittleEndian),
+            (["format", "binary_big_endian", "1.0"], _) => encoding = Some(Encoding::BigEndian),
+            (["format", kind, version], _) => {
+                return Err(format!("the PLY header has format {kind} {version}; expected {FORMATS}"));
+            }
             (["element", name, count], _) => {
                 let count =
                     count.parse().map_err(|_| format!("the PLY header announces {count:?} of {name}"))?;
@@ -100,9 +107,18 @@ fn header(rest: &mut &[u8], end: u8) -> Result<(Encoding, Vec<Element>), String>
             }
         }
     }
-    let encoding = encoding.ok_or(
-        "the PLY header has no line format; expected ascii, binary_little_endian or binary_big_endian 1.0",
-    )?;
+    let names: Vec<&str> = elements.iter().map(|element| element.name.as_str()).collect();
+    if let Some(name) = given_twice(&names) {
+        return Err(format!("the PLY header has element {name} twice"));
+    }
+    for element in &elements {
+        let names: Vec<&str> = element.properties.iter().map(|property| property.name.as_str()).collect();
+        if let Some(name) = given_twice(&names) {
+            return Err(format!("the PLY header has property {name} of element {} twice", element.name));
+        }
+    }
+    let encoding =
+        encoding.ok_or_else(|| format!("the PLY header has no line format; expected {FORMATS}"))?;
     Ok((encoding, elements))
 }
 

@@ -7,6 +7,7 @@ Python.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -215,6 +216,33 @@ def test_what_both_refuse(tmp_path: Path, text: str, capfd: pytest.CaptureFixtur
         read(path)
     assert main(["info", str(path)]) == 2
     assert "cloud.csv" in capfd.readouterr().err
+
+
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "header"),
+    [
+        ("ply", f"ply\nformat ascii 2.0\nelement vertex 1\n{XYZ}end_header\n"),
+        ("ply", f"ply\nformat ascii 1.0\nelement vertex 1\n{XYZ}element vertex 1\n{XYZ}end_header\n"),
+        ("ply", f"ply\nformat ascii 1.0\nelement vertex 1\n{XYZ}property float x\nend_header\n"),
+        (
+            "pcd",
+            "VERSION .7\nFIELDS x y z x\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
+            "WIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n",
+        ),
+    ],
+)
+def test_headers_that_both_refuse(
+    tmp_path: Path, suffix: str, header: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"cloud.{suffix}"
+    path.write_text(f"{header}1 2 3 4\n")
+    with pytest.raises(InvalidInputError, match="cloud"):
+        read(path)
+    assert main(["filter", str(path), str(tmp_path / "copy.ply"), "--radius", "1e9", "--quiet"]) == 2
+    assert re.search("twice|expected ascii", capfd.readouterr().err)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
