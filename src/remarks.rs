@@ -49,7 +49,8 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
         .or_else(|| beyond_sight(&prepared.surface, score))
         .or_else(|| ambiguous_half.map(UnseenHalf::remark));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
-    let ambiguous = ambiguity.is_some() || doubted && prepared.one_view();
+    let misfits = doubted && prepared.one_view() && !score.lacks_returns_only();
+    let ambiguous = ambiguity.is_some() || misfits;
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if is_open {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));

@@ -75,6 +75,50 @@ fn beside_all_that_any_view_measured_a_return_is_missing() {
     assert_eq!(look(halves([[true, true], [false, false]], &[]), 0.7), Seen::Hidden, "a single view");
 }
 
+/// A plate with a hole, seen from above by two places; one of them lost all returns of a square of side `lost`.
+fn plate_with_lost_returns(lost: f64) -> Visibility {
+    let at = |i: i32| f64::from(i) / 200.0;
+    let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
+    let is_in_hole = |p: &Vector3<f64>| (p.x - 0.25).abs() < 0.1 && p.y.abs() < 0.1;
+    let plate: Vec<Vector3<f64>> = lattice.filter(|p| !is_in_hole(p)).collect();
+    let places = [Vector3::new(0.3, 0.0, 2.0), Vector3::new(-0.3, 0.0, 2.0)];
+    let is_lost = |p: &Vector3<f64>| (p.x + 0.25).abs() < 0.5 * lost && (p.y - 0.25).abs() < 0.5 * lost;
+    let kept = plate.iter().filter(|p| !is_lost(p));
+    let points: Vec<(usize, Vector3<f64>)> =
+        kept.map(|p| (0, *p)).chain(plate.iter().map(|p| (1, *p))).collect();
+    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| true, &[]).unwrap()
+}
+
+#[test]
+fn a_return_from_a_surface_that_another_view_measured_was_lost_however_few_are() {
+    let look = |visibility: &Visibility, place: [f64; 3]| {
+        visibility.seen(&Vector3::from(place), None, 0.02, |_| false)
+    };
+    // The ray of the first place goes on through what it lost.
+    let behind = [-0.36, 0.29, -0.4];
+    let few = plate_with_lost_returns(0.24);
+    assert!(few.dropout == 0.0 && !few.shows_details, "{}", few.dropout);
+    assert_eq!(look(&few, [-0.25, 0.25, 0.0]), Seen::Hidden);
+    assert_eq!(look(&few, behind), Seen::Hidden);
+}
+
+#[test]
+fn where_many_returns_are_lost_two_views_must_miss_one() {
+    let look = |visibility: &Visibility, place: [f64; 3]| {
+        visibility.seen(&Vector3::from(place), None, 0.02, |_| false)
+    };
+    // Both look through the hole at the first place, only one of them at the second.
+    let (in_hole, below) = ([0.25, 0.0, 0.0], [0.25, 0.0, -1.0]);
+    let none = plate_with_lost_returns(0.0);
+    assert!(none.dropout == 0.0);
+    assert_eq!(look(&none, in_hole), Seen::Missing);
+    assert_eq!(look(&none, below), Seen::Missing);
+    let many = plate_with_lost_returns(0.45);
+    assert!(many.dropout > 0.05, "{}", many.dropout);
+    assert_eq!(look(&many, in_hole), Seen::Missing);
+    assert_eq!(look(&many, below), Seen::Hidden);
+}
+
 #[test]
 fn a_known_picture_tells_where_a_single_view_saw_nothing() {
     // Looks down: +z of the camera is -z of the world.

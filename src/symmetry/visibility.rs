@@ -29,6 +29,9 @@ const NO_LOSS: f64 = 0.01;
 /// The same in coarser maps: as many are missing about the edges of what any sensor sees.
 const EDGES: f64 = 0.04;
 
+/// Views in which a return is missing where many are lost, so that there likely is nothing.
+const AGREEING: usize = 2;
+
 /// Returns in other views that tell what is missing, at least [points of the part].
 const OVERLAP: f64 = 0.3;
 
@@ -95,7 +98,7 @@ impl Visibility {
             (dropout, shows_details) = (if lost > EDGES { lost } else { 0.0 }, false);
         }
         views.par_iter_mut().for_each(|view| {
-            if dropout > 0.0 {
+            if !shows_details {
                 view.hide_lost((0..count).map(&point_of));
             }
             view.surroundings = surroundings(view, &part, pictures);
@@ -119,8 +122,9 @@ impl Visibility {
 
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
-    /// grazing angle. Where returns of a camera may be lost, as `is_barred` says given its place, a missing one says
-    /// nothing either, and one beside a missing one proves nothing free. What lies below the support is free.
+    /// grazing angle, and where many are lost nothing unless another camera misses it, too. Where returns of a camera
+    /// may be lost, as `is_barred` says given its place, a missing one says nothing either, and one beside a missing one
+    /// proves nothing free. What lies below the support is free.
     #[must_use]
     pub fn seen(
         &self,
@@ -137,21 +141,18 @@ impl Visibility {
             normal
                 .is_some_and(|normal| normal.dot(&toward).powi(2) < GRAZING * GRAZING * toward.norm_squared())
         };
-        let mut strongest = Seen::Hidden;
+        let mut missing = 0;
         for view in &self.views {
             let (seen, beside_missing) = view.seen(point, margin);
-            let says_nothing = || {
-                beside_missing && is_barred(&view.center)
-                    || seen == Seen::Missing && is_grazed_from(&view.center)
-            };
-            if seen > strongest && !says_nothing() {
-                strongest = seen;
-            }
-            if strongest == Seen::Free {
-                break;
+            let is_told = || !(beside_missing && is_barred(&view.center));
+            match seen {
+                Seen::Free if is_told() => return Seen::Free,
+                Seen::Missing if is_told() && !is_grazed_from(&view.center) => missing += 1,
+                _ => {}
             }
         }
-        strongest
+        let agreeing = if self.dropout > 0.0 { AGREEING } else { 1 };
+        if missing >= agreeing { Seen::Missing } else { Seen::Hidden }
     }
 }
 

@@ -59,7 +59,7 @@ def test_the_table_is_found_and_left_out(lying: Part, seed: int) -> None:
     assert np.count_nonzero(labels[found.inliers] == 0) > 0.9 * np.count_nonzero(labels == 0)
     # Of the flange on its rim one view shows too little for an order, and the answer says so.
     is_guess = any("too little to tell the order" in warning for warning in found.warnings)
-    assert found.order == lying.order or (is_guess and found.score < 0.5)
+    assert found.order == lying.order or (lying.name == "flange_8" and is_guess and found.score < 0.5)
     assert abs(found.axis @ on_table.axis) > np.cos(np.radians(0.1))
 
 

@@ -63,6 +63,29 @@ def test_lost_returns_are_told(name: str) -> None:
     assert any("returns are missing" in warning for warning in found.warnings)
 
 
+@pytest.mark.parametrize("name", ["impeller_5", "wheel_hub_10", "knob_3", "can"])
+def test_what_one_view_lost_is_no_gap_where_no_other_view_misses_it(name: str) -> None:
+    scanned = scan(part(name), "sphere", views=2, seed=31, dropout=0.3)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == scanned.order
+    assert found.score > 0.8
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+
+
+@pytest.mark.parametrize("name", ["gear_12", "propeller_5"])
+def test_lost_returns_alone_are_no_reason_to_doubt_a_declared_order(name: str) -> None:
+    """One view cannot tell a gap in the part from one in the scan."""
+    scanned = scan(part(name), "sphere", views=1, seed=31, dropout=0.3)
+    with pytest.raises(sympose.NoSymmetryError):
+        sympose.estimate(scanned.scene)
+    found = sympose.estimate(scanned.scene, order=scanned.order)
+    assert found.score > 0.8
+    assert any("would have been accepted" in warning for warning in found.warnings)
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+    wrong = sympose.estimate(scanned.scene, order="continuous")
+    assert wrong.score < 0.5
+
+
 def test_the_order_is_found_among_strays() -> None:
     scanned = scan(part("sprocket_6"), "sphere", views=4, seed=1, outliers=0.3)
     scene = scanned.scene
