@@ -89,11 +89,12 @@ fn plate_with_lost_returns(lost: f64) -> Visibility {
     Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| true, &[]).unwrap()
 }
 
+fn look(visibility: &Visibility, place: [f64; 3]) -> Seen {
+    visibility.seen(&Vector3::from(place), None, 0.02, |_| false)
+}
+
 #[test]
 fn a_return_from_a_surface_that_another_view_measured_was_lost_however_few_are() {
-    let look = |visibility: &Visibility, place: [f64; 3]| {
-        visibility.seen(&Vector3::from(place), None, 0.02, |_| false)
-    };
     // The ray of the first place goes on through what it lost.
     let behind = [-0.36, 0.29, -0.4];
     let few = plate_with_lost_returns(0.24);
@@ -104,9 +105,6 @@ fn a_return_from_a_surface_that_another_view_measured_was_lost_however_few_are()
 
 #[test]
 fn where_many_returns_are_lost_two_views_must_miss_one() {
-    let look = |visibility: &Visibility, place: [f64; 3]| {
-        visibility.seen(&Vector3::from(place), None, 0.02, |_| false)
-    };
     // Both look through the hole at the first place, only one of them at the second.
     let (in_hole, below) = ([0.25, 0.0, 0.0], [0.25, 0.0, -1.0]);
     let none = plate_with_lost_returns(0.0);

@@ -91,19 +91,20 @@ impl Visibility {
         if views.is_empty() {
             return None;
         }
-        let (mut dropout, mut shows_details) = (0.0, true);
-        if loss_ratio(&views, &part) >= NO_LOSS {
+        let is_lossy = loss_ratio(&views, &part) >= NO_LOSS;
+        let mut dropout = 0.0;
+        if is_lossy {
             views = maps(LOSSY_POINTS_PER_CELL);
             let lost = loss_ratio(&views, &part);
-            (dropout, shows_details) = (if lost > EDGES { lost } else { 0.0 }, false);
+            dropout = if lost > EDGES { lost } else { 0.0 };
         }
         views.par_iter_mut().for_each(|view| {
-            if !shows_details {
+            if is_lossy {
                 view.hide_lost((0..count).map(&point_of));
             }
             view.surroundings = surroundings(view, &part, pictures);
         });
-        Some(Self { views, support: None, dropout, shows_details })
+        Some(Self { views, support: None, dropout, shows_details: !is_lossy })
     }
 
     /// Takes all that lies more than `depth` \[length\] below a plane, which has its normal up, for empty: the part stands
