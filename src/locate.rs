@@ -55,7 +55,21 @@ impl Estimator {
     /// The part in a cloud, about the best axis that the search finds.
     pub(crate) fn search(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
         let prepared = self.prepare(cloud, self.support(), None, stages)?;
-        self.search_with_plate(prepared, cloud, stages)
+        self.search_in(prepared, cloud, stages)
+    }
+
+    /// The part in what is left of a cloud; where no order holds in the only view, as if that had lost returns in patches.
+    fn search_in(&self, prepared: Prepared, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
+        let may_be_patchy = self.config().order == Order::Auto && prepared.one_view();
+        let refusal = match self.search_with_plate(prepared, cloud, stages) {
+            Err(refusal @ Error::NoSymmetry { .. }) if may_be_patchy => refusal,
+            found => return found,
+        };
+        let prepared = self.prepare(cloud, self.support(), None, stages)?.patchy();
+        match self.search_on(prepared, stages) {
+            Err(Error::NoSymmetry { .. }) => Err(refusal),
+            found => found,
+        }
     }
 
     /// The part in what is left of a cloud; where that does not fit, without the plate that it may be fixed to.
@@ -136,7 +150,7 @@ impl Estimator {
             Ok(tracked) => Ok(tracked),
             Err(prepared) => {
                 stages.text("tracking", "lost: searched again");
-                self.search_with_plate(prepared, cloud, stages)
+                self.search_in(prepared, cloud, stages)
             }
         }
     }

@@ -72,9 +72,12 @@ impl Answer<'_> {
 
     /// Says so when the order that was found may be another one.
     fn ambiguous_order(&self) -> Option<String> {
-        let &Self { declared, axis, detection, prepared, .. } = self;
+        let &Self { declared, axis, score, detection, prepared } = self;
         if declared != Order::Auto {
             return None;
+        }
+        if prepared.visibility.as_ref().is_some_and(|v| v.is_patchy) {
+            return Some(patchy(score));
         }
         let one_view = self.is_found_in_one_view();
         let assumed = prepared.surface.assumed_view.map(|place| place - prepared.surface.centroid);
@@ -289,6 +292,15 @@ pub(crate) fn misplaced_views(prepared: &Prepared) -> Option<String> {
             turn.to_degrees()
         )
     })
+}
+
+/// Says what was left out of account where an order was found in the only view as if that had lost returns in patches.
+fn patchy(score: &MatchScore) -> String {
+    let [matched, contradicted, missing, _] = score.counts();
+    let percent = 100.0 * missing / (matched + contradicted + missing);
+    format!(
+        "ambiguous: the only view got no return from {percent:.0} % of where the symmetry has a surface, which was taken for lost:          the order, or that there is one, is uncertain; declare it, or add a view"
+    )
 }
 
 /// Says so when an order holds although a sector about the axis shows nothing of it.

@@ -71,6 +71,11 @@ impl Prepared {
         self.visibility.as_ref().is_some_and(|visibility| visibility.views() == 1)
     }
 
+    /// The same, as seen by a view that loses returns in patches.
+    pub(crate) fn patchy(self) -> Self {
+        Self { visibility: self.visibility.map(Visibility::patchy), ..self }
+    }
+
     /// What the cameras say about places near `axis`.
     pub(crate) fn sight(&self, axis: &Axis) -> Sight<'_> {
         Sight::about(axis, &self.surface, self.visibility.as_ref())

@@ -11,11 +11,11 @@ use crate::error::Result;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::details::Details;
 use crate::symmetry::order::Order;
-use crate::symmetry::peaks::order_from_peaks;
+use crate::symmetry::peaks::{Standing, order_from_peaks};
 use crate::symmetry::rings::Rings;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::Samples;
-use crate::symmetry::sweep::{OrderEvidence, SURVEY_ORDER, Sweep, Turned, Turning, up_to};
+use crate::symmetry::sweep::{OrderEvidence, SURVEY_ORDER, Sweep, Tally, Turned, Turning, up_to};
 
 /// How the order is found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -158,11 +158,11 @@ pub(crate) fn detect_order(turning: &Turning<'_>, params: &DetectParams) -> Resu
         return Ok(detection);
     }
     let structure = Structure::new(turning, &survey, params)?;
-    Ok(if turning.sight.is_known() {
+    Ok(if turning.sight.tells_gaps() {
         structure.seen_order(&survey, params)
     } else {
         let is_round = twisted(turning.axis, &survey.samples) < params.twisted;
-        structure.unseen_order(&survey, is_round, params)
+        structure.unseen_order(&survey, turning.sight, is_round, params)
     })
 }
 
@@ -179,10 +179,14 @@ impl Survey {
     fn new(turning: &Turning<'_>, params: &DetectParams) -> Result<Self> {
         let samples = turning.surface.samples.strided(params.samples);
         let sweep = Sweep::new(turning, &samples, up_to(SURVEY_ORDER), Turned::All)?;
-        let everything: Vec<usize> = (0..samples.points.len()).collect();
-        let generic = sweep.generic(&everything).share_against();
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
-        Ok(Self { samples, sweep, structured, generic })
+        let mut survey = Self { samples, sweep, structured, generic: 0.0 };
+        survey.generic = survey.sweep.generic(&survey.everything()).share_against();
+        Ok(survey)
+    }
+
+    fn everything(&self) -> Vec<usize> {
+        (0..self.samples.points.len()).collect()
     }
 
     /// Share of the points that tell one angle from another.
@@ -217,10 +221,10 @@ impl Survey {
     fn hopeless(&self, sight: Sight<'_>, params: &DetectParams) -> Option<Detection> {
         let limit = HOPELESS * (1.0 - params.explained);
         let has_all_orders = params.max_order <= SURVEY_ORDER;
-        if !sight.is_known() || !has_all_orders || self.generic <= limit {
+        if !sight.tells_gaps() || !has_all_orders || self.generic <= limit {
             return None;
         }
-        let everything: Vec<usize> = (0..self.samples.points.len()).collect();
+        let everything = self.everything();
         let against = |n: u32| self.sweep.order(n, &everything).sum.share_against();
         let floor = (2..=params.max_order).into_par_iter().map(against).reduce(|| f64::INFINITY, f64::min);
         (floor > limit).then(|| Detection { order: None, explained: 1.0 - floor, ..self.detection() })
@@ -244,17 +248,16 @@ impl Structure {
         let Turning { surface, axis, sight, .. } = turning;
         let rings = Rings::about(axis, &survey.samples);
         let with_structure = survey.structured.iter().map(|&i| rings.of(&survey.samples.points[i])).collect();
-        // To look at each point of a large surface takes longer than all that follows; without viewpoints peaks are small
-        // and need the points that are best spread over the rings.
+        // To look at each point of a large surface takes longer than all that follows; where gaps tell nothing peaks are
+        // small and need the points that are best spread over the rings.
         let looked_at =
-            if sight.is_known() { CANDIDATES.saturating_mul(params.ring_samples) } else { surface.len() };
+            if sight.tells_gaps() { CANDIDATES.saturating_mul(params.ring_samples) } else { surface.len() };
         let mut samples =
             rings.within(&with_structure, &surface.samples.strided(looked_at), params.ring_samples);
         if samples.points.len() < params.ring_samples {
             samples = rings.within(&with_structure, &surface.samples, params.ring_samples);
         }
-        // Without viewpoints peaks are small.
-        let turned = if sight.is_known() { Turned::Enough } else { Turned::All };
+        let turned = if sight.tells_gaps() { Turned::Enough } else { Turned::All };
         let sweep = Sweep::new(turning, &samples, params.fractions(), turned)?;
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
         let orders: Vec<u32> = (2..=params.max_order).collect();
@@ -324,24 +327,38 @@ impl Structure {
         against < LITTLE && in_sight * against < FAINT
     }
 
-    /// The order where no viewpoint is known. Anything may be hidden: no share of misses refuses an order that stands out
-    /// from the angles around it.
-    fn unseen_order(&self, survey: &Survey, is_round: bool, params: &DetectParams) -> Detection {
+    /// The order where gaps tell nothing. Anything may be hidden, or lost: no share of misses refuses an order that stands out
+    /// from the angles around it, but what a camera saw to be empty does.
+    fn unseen_order(
+        &self,
+        survey: &Survey,
+        sight: Sight<'_>,
+        is_round: bool,
+        params: &DetectParams,
+    ) -> Detection {
         let detection = self.detection(survey);
-        let found =
-            order_from_peaks(&self.sweep, &self.structured, &detection.against, params).filter(|found| {
-                !is_round
-                    || found.order > 2 && survey.structured_share() * found.gain > params.unseen_gain_round
-            });
+        let share = survey.structured_share();
+        // One view, and gaps that tell nothing, leave too little to tell a half turn by.
+        let is_telling = |found: &Standing| found.order > 2 || !sight.is_known();
+        let is_refuted = |evidence: &Tally, share: f64| {
+            sight.is_known() && share * evidence.contradicted > (1.0 - params.explained) * evidence.total()
+        };
+        let found = order_from_peaks(&self.sweep, &self.structured, &detection.against, params)
+            .filter(|found| !is_round || found.order > 2 && share * found.gain > params.unseen_gain_round);
         match found {
-            Some(found) => Detection {
-                order: Some(Order::Cyclic(found.order)),
-                rival: found.rival,
-                explained: 1.0 - survey.structured_share() * detection.against[found.order as usize - 2],
-                ..detection
-            },
-            None if is_round => detection,
-            None => self.none(survey),
+            Some(found)
+                if is_telling(&found)
+                    && !is_refuted(&self.evidence[found.order as usize - 2].1.sum, share) =>
+            {
+                Detection {
+                    order: Some(Order::Cyclic(found.order)),
+                    rival: found.rival,
+                    explained: 1.0 - share * detection.against[found.order as usize - 2],
+                    ..detection
+                }
+            }
+            None if is_round && !is_refuted(&survey.sweep.generic(&survey.everything()), 1.0) => detection,
+            _ => self.none(survey),
         }
     }
 }

@@ -36,6 +36,12 @@ impl<'a> Sight<'a> {
         self.visibility.is_some()
     }
 
+    /// Whether a missing return tells a gap in the part.
+    #[must_use]
+    pub(crate) fn tells_gaps(&self) -> bool {
+        self.visibility.is_some_and(|visibility| !visibility.is_patchy)
+    }
+
     /// Width of the sector of which nothing was measured \[rad\].
     #[must_use]
     pub(crate) fn unseen(&self) -> Option<f64> {

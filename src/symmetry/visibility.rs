@@ -53,6 +53,8 @@ pub struct Visibility {
     pub dropout: f64,
     /// Whether a gap of a few points shows: not where returns are lost.
     pub shows_details: bool,
+    /// Whether the only view is taken to lose returns in patches, as from shiny metal, which no other view can tell.
+    pub is_patchy: bool,
 }
 
 impl Visibility {
@@ -104,7 +106,7 @@ impl Visibility {
             }
             view.surroundings = surroundings(view, &part, pictures);
         });
-        Some(Self { views, support: None, dropout, shows_details: !is_lossy })
+        Some(Self { views, support: None, dropout, shows_details: !is_lossy, is_patchy: false })
     }
 
     /// Takes all that lies more than `depth` \[length\] below a plane, which has its normal up, for empty: the part stands
@@ -113,6 +115,12 @@ impl Visibility {
     pub fn supported_by(self, plane: [f64; 4], depth: f64) -> Self {
         let [x, y, z, d] = plane;
         Self { support: Some((Vector3::new(x, y, z), d + depth)), ..self }
+    }
+
+    /// Takes the view for one that loses returns in patches.
+    #[must_use]
+    pub fn patchy(self) -> Self {
+        Self { shows_details: false, is_patchy: true, ..self }
     }
 
     /// Number of views.

@@ -84,6 +84,19 @@ def test_a_few_lost_returns_alone_are_no_reason_to_doubt_a_declared_order(name: 
     assert wrong.score < 0.5
 
 
+@pytest.mark.parametrize("name", ["propeller_5", "knob_3", "sprocket_6"])
+def test_one_view_that_lost_returns_is_answered_with_doubt(name: str) -> None:
+    """A part that merely lacks returns had been refused, with viewpoints, but not without them."""
+    scanned = scan(part(name), "sphere", views=1, seed=1, dropout=0.3)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == scanned.order
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+    assert found.score < 0.5
+    assert any("taken for lost" in warning for warning in found.warnings)
+    whole = sympose.estimate(scan(part(name), "sphere", views=1, seed=1).scene)
+    assert not any("taken for lost" in warning for warning in whole.warnings)
+
+
 def test_the_order_is_found_among_strays() -> None:
     scanned = scan(part("sprocket_6"), "sphere", views=4, seed=1, outliers=0.3)
     scene = scanned.scene
