@@ -55,11 +55,16 @@ impl Estimator {
     /// The part in a cloud, about the best axis that the search finds.
     pub(crate) fn search(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
         let prepared = self.prepare(cloud, self.support(), None, stages)?;
-        self.search_in(prepared, cloud, stages)
+        self.search_despite_gaps(prepared, cloud, stages)
     }
 
     /// The part in what is left of a cloud; where no order holds in the only view, as if that had lost returns in patches.
-    fn search_in(&self, prepared: Prepared, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
+    fn search_despite_gaps(
+        &self,
+        prepared: Prepared,
+        cloud: &PointCloud,
+        stages: &mut Stages,
+    ) -> Result<Aligned> {
         let may_be_patchy = self.config().order == Order::Auto && prepared.one_view();
         let refusal = match self.search_with_plate(prepared, cloud, stages) {
             Err(refusal @ Error::NoSymmetry { .. }) if may_be_patchy => refusal,
@@ -150,7 +155,7 @@ impl Estimator {
             Ok(tracked) => Ok(tracked),
             Err(prepared) => {
                 stages.text("tracking", "lost: searched again");
-                self.search_in(prepared, cloud, stages)
+                self.search_despite_gaps(prepared, cloud, stages)
             }
         }
     }

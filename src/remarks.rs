@@ -299,7 +299,8 @@ fn patchy(score: &MatchScore) -> String {
     let [matched, contradicted, missing, _] = score.counts();
     let percent = 100.0 * missing / (matched + contradicted + missing);
     format!(
-        "ambiguous: the only view got no return from {percent:.0} % of where the symmetry has a surface, which was taken for lost:          the order, or that there is one, is uncertain; declare it, or add a view"
+        "ambiguous: the only view got no return from {percent:.0} % of where the symmetry has a surface, which was taken for lost: \
+         the order, or that there is one, is uncertain; declare it, or add a view"
     )
 }
 

@@ -171,22 +171,18 @@ struct Survey {
     samples: Samples,
     sweep: Sweep,
     structured: Vec<usize>,
-    /// Share of the evidence of all points that speaks against a generic angle.
-    generic: f64,
+    /// Evidence of all points at generic angles.
+    generic: Tally,
 }
 
 impl Survey {
     fn new(turning: &Turning<'_>, params: &DetectParams) -> Result<Self> {
         let samples = turning.surface.samples.strided(params.samples);
         let sweep = Sweep::new(turning, &samples, up_to(SURVEY_ORDER), Turned::All)?;
+        let everything: Vec<usize> = (0..samples.points.len()).collect();
+        let generic = sweep.generic(&everything);
         let structured = structured_samples(&sweep, samples.points.len(), params.structured);
-        let mut survey = Self { samples, sweep, structured, generic: 0.0 };
-        survey.generic = survey.sweep.generic(&survey.everything()).share_against();
-        Ok(survey)
-    }
-
-    fn everything(&self) -> Vec<usize> {
-        (0..self.samples.points.len()).collect()
+        Ok(Self { samples, sweep, structured, generic })
     }
 
     /// Share of the points that tell one angle from another.
@@ -201,7 +197,7 @@ impl Survey {
             details: None,
             rival: None,
             faint: false,
-            explained: 1.0 - self.generic,
+            explained: 1.0 - self.generic.share_against(),
             structured: self.structured_share(),
             looked_for: 1,
             against: Vec::new(),
@@ -221,10 +217,10 @@ impl Survey {
     fn hopeless(&self, sight: Sight<'_>, params: &DetectParams) -> Option<Detection> {
         let limit = HOPELESS * (1.0 - params.explained);
         let has_all_orders = params.max_order <= SURVEY_ORDER;
-        if !sight.tells_gaps() || !has_all_orders || self.generic <= limit {
+        if !sight.tells_gaps() || !has_all_orders || self.generic.share_against() <= limit {
             return None;
         }
-        let everything = self.everything();
+        let everything: Vec<usize> = (0..self.samples.points.len()).collect();
         let against = |n: u32| self.sweep.order(n, &everything).sum.share_against();
         let floor = (2..=params.max_order).into_par_iter().map(against).reduce(|| f64::INFINITY, f64::min);
         (floor > limit).then(|| Detection { order: None, explained: 1.0 - floor, ..self.detection() })
@@ -338,26 +334,24 @@ impl Structure {
     ) -> Detection {
         let detection = self.detection(survey);
         let share = survey.structured_share();
-        // One view, and gaps that tell nothing, leave too little to tell a half turn by.
-        let is_telling = |found: &Standing| found.order > 2 || !sight.is_known();
         let is_refuted = |evidence: &Tally, share: f64| {
             sight.is_known() && share * evidence.contradicted > (1.0 - params.explained) * evidence.total()
+        };
+        // One view, and gaps that tell nothing, leave too little to tell a half turn by.
+        let holds = |found: &Standing| {
+            let evidence = &self.evidence[found.order as usize - 2].1.sum;
+            (found.order > 2 || !sight.is_known()) && !is_refuted(evidence, share)
         };
         let found = order_from_peaks(&self.sweep, &self.structured, &detection.against, params)
             .filter(|found| !is_round || found.order > 2 && share * found.gain > params.unseen_gain_round);
         match found {
-            Some(found)
-                if is_telling(&found)
-                    && !is_refuted(&self.evidence[found.order as usize - 2].1.sum, share) =>
-            {
-                Detection {
-                    order: Some(Order::Cyclic(found.order)),
-                    rival: found.rival,
-                    explained: 1.0 - share * detection.against[found.order as usize - 2],
-                    ..detection
-                }
-            }
-            None if is_round && !is_refuted(&survey.sweep.generic(&survey.everything()), 1.0) => detection,
+            Some(found) if holds(&found) => Detection {
+                order: Some(Order::Cyclic(found.order)),
+                rival: found.rival,
+                explained: 1.0 - share * detection.against[found.order as usize - 2],
+                ..detection
+            },
+            None if is_round && !is_refuted(&survey.generic, 1.0) => detection,
             _ => self.none(survey),
         }
     }

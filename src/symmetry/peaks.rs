@@ -1,4 +1,5 @@
-//! The order where no viewpoint is known, so that hidden surface looks like missing surface.
+//! The order where no viewpoint is known, so that hidden surface looks like missing surface, or where the only view may have
+//! lost any of it.
 //!
 //! A rotated point can match only where somebody saw the surface that it comes to lie on. Let v be the share of points for which
 //! this is so. At an angle of the symmetry all of these match: their share is v. At angles a little beside it v is about the

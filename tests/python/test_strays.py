@@ -92,9 +92,16 @@ def test_one_view_that_lost_returns_is_answered_with_doubt(name: str) -> None:
     assert found.order == scanned.order
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
     assert found.score < 0.5
-    assert any("taken for lost" in warning for warning in found.warnings)
+    assert any("was taken for lost: the order" in warning for warning in found.warnings)
     whole = sympose.estimate(scan(part(name), "sphere", views=1, seed=1).scene)
     assert not any("taken for lost" in warning for warning in whole.warnings)
+
+
+def test_one_view_that_lost_returns_tells_no_half_turn() -> None:
+    """About the edges of what one view shows of anything a half turn stands out."""
+    scene = scan(part("propeller_2"), "sphere", views=1, seed=1, dropout=0.3).scene
+    with pytest.raises(sympose.NoSymmetryError):
+        sympose.estimate(scene)
 
 
 def test_the_order_is_found_among_strays() -> None:
