@@ -1,5 +1,7 @@
 //! The axes that a search or an earlier pose gave, refined one after the other until one holds.
 
+use std::cmp::Ordering;
+
 use nalgebra::{Matrix4, Vector3};
 
 use crate::config::Config;
@@ -9,7 +11,7 @@ use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
 use crate::refusal::Refusal;
-use crate::remarks::{Answer, LIKE_PIECES, Remarks, closer_part_holds, remarks};
+use crate::remarks::{Answer, LIKE_PIECES, Remarks, another_axis, closer_part_holds, remarks};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
@@ -79,8 +81,13 @@ impl Estimator {
                 break;
             }
         }
-        let Trials { best, refusal, .. } = trials;
-        let Held { mut settled, .. } = best.ok_or_else(|| self.no_symmetry(prepared, refusal))?;
+        let Trials { mut held, refusal, .. } = trials;
+        // Of equals the first one, which the search liked best.
+        held.sort_by(|a, b| b.worth.partial_cmp(&a.worth).unwrap_or(Ordering::Equal));
+        let mut held = held.into_iter();
+        let mut best = held.next().ok_or_else(|| self.no_symmetry(prepared, refusal))?;
+        best.doubt_beside(held.as_slice());
+        let mut settled = best.settled;
         let Settled { refined: Refined { axis, .. }, order, .. } = &settled;
         let surface = &prepared.surface;
         if exchanges_pieces(surface, axis, *order, self.final_gate(surface))? {
@@ -131,7 +138,7 @@ impl Estimator {
         let trust = prepared.trust(&score);
         // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
         // smaller one hides less.
-        let enough = if is_open { TRACKED } else { CERTAIN };
+        let enough = if is_open && order != Order::Cyclic(2) { TRACKED } else { CERTAIN };
         // Turns of an order that the part does not have may hold an axis beside the right one, with little left of the order.
         let kept = !is_open || candidate.order.is_none_or(|order| keeps(&detection, order));
         let group = if is_open && trust >= TRACKED { group_size(order) } else { 0 };
@@ -285,13 +292,34 @@ struct Held {
     is_certain: bool,
 }
 
+impl Held {
+    /// Says so when one of the `others` explains the data about as well, now that all are refined.
+    fn doubt_beside(&mut self, others: &[Self]) {
+        /// Angle between axes that are not the same \[rad\].
+        const APART: f64 = 0.17;
+        /// Share of the trust from which on another one is about as good.
+        const AS_WELL: f64 = 0.95;
+        let away = |other: &Self| other.settled.refined.axis.angle_to(&self.settled.refined.axis);
+        let (doubted, group) = (self.worth.0, self.worth.1);
+        let rival = others.iter().find(|other| {
+            (other.worth.0, other.worth.1) >= (doubted, group)
+                && other.trust >= AS_WELL * self.trust
+                && away(other) > APART
+        });
+        if let Some(angle) = rival.map(away).filter(|_| !self.settled.ambiguous) {
+            self.settled.ambiguous = true;
+            self.settled.warnings.push(another_axis(angle));
+        }
+    }
+}
+
 /// The candidates that were refined so far.
 #[derive(Default)]
 struct Trials<'a> {
     count: usize,
     /// Those that need not be tried again, with the angle within which they stand for others of their order \[rad\].
     answered: Vec<(&'a Found, f64)>,
-    best: Option<Held>,
+    held: Vec<Held>,
     refusal: Option<Refusal>,
 }
 
@@ -321,9 +349,7 @@ impl<'a> Trials<'a> {
                     self.answered.push((candidate, PASSED));
                 }
                 let is_certain = held.is_certain;
-                if self.best.as_ref().is_none_or(|best| held.worth > best.worth) {
-                    self.best = Some(*held);
-                }
+                self.held.push(*held);
                 return is_certain;
             }
         }

@@ -102,7 +102,8 @@ impl Answer<'_> {
 
     fn likeness(&self) -> Likeness {
         let one_view = self.is_found_in_one_view() || self.prepared.one_view();
-        Likeness::sought(self.declared, one_view, self.prepared.visibility.is_some())
+        let is_seen = self.prepared.visibility.is_some();
+        Likeness::sought(self.declared, one_view, is_seen, self.score.hidden_share())
     }
 }
 
@@ -358,17 +359,20 @@ struct Likeness {
 }
 
 impl Likeness {
-    fn sought(declared: Order, one_view: bool, is_seen: bool) -> Self {
+    fn sought(declared: Order, one_view: bool, is_seen: bool, hidden: f64) -> Self {
         const AS_WELL: f64 = 0.95;
         /// A wall seen from the side turns as well about its own edges. In 46 views of the faces of parts of an order above
         /// two no other axis came nearer than 0.72.
         const DECLARED: f64 = 0.8;
+        /// Share of the surface that goes out of sight, from which on several views tell no more than one: all from above, of a
+        /// part that lies on its side.
+        const MUCH: f64 = 0.5;
         /// A larger group hides more of itself, and matches less for that.
         const HIDING: f64 = 0.6;
         let [of_equals, of_larger] = match declared {
             Order::Auto if one_view => [AS_WELL, HIDING],
             Order::Auto if is_seen => [AS_WELL, EQUALLY_GOOD_SEVERAL],
-            Order::Cyclic(_) if one_view => [DECLARED; 2],
+            Order::Cyclic(_) if one_view || hidden > MUCH => [DECLARED; 2],
             _ => [AS_WELL; 2],
         };
         Self { of_equals, of_larger }
@@ -397,6 +401,11 @@ fn ambiguity_of_axes(
             && is_apart(other)
             && !std::ptr::eq(*other, chosen)
     })?;
-    let degrees = other.proposal.axis.angle_to(axis).to_degrees();
-    Some(format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well"))
+    Some(another_axis(other.proposal.axis.angle_to(axis)))
+}
+
+/// Says that an axis at an `angle` \[rad\] to the one answered explains the data about as well.
+pub(crate) fn another_axis(angle: f64) -> String {
+    let degrees = angle.to_degrees();
+    format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well")
 }
