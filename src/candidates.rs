@@ -137,7 +137,7 @@ impl Estimator {
         let Remarks { warnings, ambiguous, doubted } = remarks(&answer, candidate, candidates);
         let trust = prepared.trust(&score);
         // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
-        // smaller one hides less.
+        // smaller one hides less, but half turns with half turns.
         let enough = if is_open && order != Order::Cyclic(2) { TRACKED } else { CERTAIN };
         // Turns of an order that the part does not have may hold an axis beside the right one, with little left of the order.
         let kept = !is_open || candidate.order.is_none_or(|order| keeps(&detection, order));

@@ -92,3 +92,24 @@ def test_half_a_turn_in_one_view_is_weak_evidence() -> None:
     declared = sympose.estimate(scanned.scene, order=2)
     assert declared.score > 0.5
     assert not any("ambiguous" in warning for warning in declared.warnings)
+
+
+def test_an_order_that_a_few_points_tell_is_doubted() -> None:
+    # From behind its disc hides the blades.
+    scanned = scan(part("impeller_7"), "sphere", views=1, seed=2)
+    found = sympose.estimate(scanned.scene.points, viewpoints=scanned.scene.viewpoints)
+    assert axis_error_deg(scanned, found) < 0.1
+    assert found.order == 7 or found.score < 0.5
+    assert any("hardly anything in sight tells" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("order", [None, 2])
+def test_a_half_turn_across_a_part_that_stands_on_its_odd_end_is_doubted(order: int | None) -> None:
+    lobes = box(0.5, 0.24, 0.8)
+    for side in (-0.25, 0.25):
+        lobes += cylinder(0.8, 0.2, -0.4).translate([side, 0.0, 0.0])
+    rotor = lobes - cylinder(2.0, 0.07, -1.0) + cylinder(0.1, 0.12, -0.5)
+    scanned = scan(solid_part(rotor, 2), "upper", views=2, seed=3)
+    found = sympose.estimate(scanned.scene, order=order)
+    assert axis_error_deg(scanned, found) < 1.0 or found.score < 0.5
+    assert any("another axis" in warning for warning in found.warnings)
