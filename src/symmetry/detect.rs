@@ -318,7 +318,7 @@ impl Structure {
     /// Whether so little is known at the multiples of order `n` that it would hardly be contradicted if it held no better than
     /// generic angles: of many orders one may hold by chance.
     fn is_by_chance(&self, n: u32) -> bool {
-        /// Evidence against it that there would be. Few points tell it, and they lie side by side. Of 1358 orders found in one or
+        /// Evidence against it that there would be. Few points tell it, and they lie side by side. Of 1360 orders found in one or
         /// two views of 221 parts six have less and are wrong, and one is right; the next wrong one has 174.
         const LITTLE: f64 = 36.0;
         self.generic * self.of_order(n).sum.total() < LITTLE
