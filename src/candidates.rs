@@ -11,15 +11,15 @@ use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
 use crate::refusal::Refusal;
-use crate::remarks::{Answer, LIKE_PIECES, Remarks, another_axis, closer_part_holds, remarks};
+use crate::remarks::{Answer, LIKE_PIECES, PIECE_APART, Remarks, another_axis, closer_part_holds, remarks};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
 use crate::symmetry::details::{Details, contradicting_details};
-use crate::symmetry::detect::{Detection, detect_order};
+use crate::symmetry::detect::{DetectParams, Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::pace::matching_pace;
-use crate::symmetry::pieces::exchanges_pieces;
+use crate::symmetry::pieces::{exchanges_pieces, has_piece_apart};
 use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, group_size};
@@ -43,8 +43,7 @@ const DETECTION_GATE: [f64; 2] = [1.9, 1.1];
 /// The same where no viewpoint is known and the points of a surface lie in several layers.
 const UNSEEN_DETECTION_GATE: [f64; 2] = [2.5, 1.5];
 
-/// Points that suffice, where several views show the part, to tell whether they allow a declared order: for a remark, and to try
-/// the next axis where they do not.
+/// Points that mostly suffice, where several views show the part, to tell that they allow a declared order.
 const REMARKED: usize = 250;
 
 /// An axis with the order that holds about it.
@@ -56,6 +55,15 @@ pub(crate) struct Settled {
     /// Another axis explains the data about as well.
     pub ambiguous: bool,
     pub warnings: Vec<String>,
+}
+
+impl Settled {
+    /// Share of the observed surface that agrees with the order, in [0, 1]: of one that was found, by all that told it from others;
+    /// of another one, as declared, by its own turns.
+    pub(crate) fn explained(&self) -> f64 {
+        let is_found = self.detection.order == Some(self.order);
+        if is_found { self.detection.explained } else { self.score.explained() }
+    }
 }
 
 impl Estimator {
@@ -90,10 +98,17 @@ impl Estimator {
         let mut settled = best.settled;
         let Settled { refined: Refined { axis, .. }, order, .. } = &settled;
         let surface = &prepared.surface;
-        if exchanges_pieces(surface, axis, *order, self.final_gate(surface))? {
-            settled.ambiguous = true;
-            settled.warnings.push(LIKE_PIECES.to_owned());
-        }
+        // In one view the head of a part may hide its neck, so that its foot seems to be far away.
+        let several_views = prepared.visibility.as_ref().is_some_and(|v| v.views() > 1);
+        let remark = if exchanges_pieces(surface, axis, *order, self.final_gate(surface))? {
+            Some(LIKE_PIECES)
+        } else if several_views && has_piece_apart(surface, prepared.diameter)? {
+            Some(PIECE_APART)
+        } else {
+            None
+        };
+        settled.ambiguous |= remark.is_some();
+        settled.warnings.extend(remark.map(str::to_owned));
         settled.warnings.extend(self.closer(prepared, &settled));
         Ok(settled)
     }
@@ -184,25 +199,43 @@ impl Estimator {
             || hint.is_some_and(|hint| axis.angle_to(&hint) > self.config().propose.max_hint_angle)
     }
 
-    /// Finds the order about an axis.
+    /// Finds the order about an axis. Where several views show a part whose order is declared, on a few points, and on all where
+    /// these do not allow it.
     fn detect(&self, prepared: &Prepared, axis: &Axis, control: &Control) -> Result<Detection> {
+        let (declared, params) = (self.config().order, &self.config().detect);
+        if declared != Order::Auto && !prepared.one_view() {
+            let few = DetectParams {
+                samples: params.samples.min(REMARKED),
+                ring_samples: params.ring_samples.min(REMARKED),
+                ..params.clone()
+            };
+            let detection = self.detect_on(prepared, axis, &few, control)?;
+            if detection.allows(declared) {
+                return Ok(detection);
+            }
+        }
+        self.detect_on(prepared, axis, params, control)
+    }
+
+    fn detect_on(
+        &self,
+        prepared: &Prepared,
+        axis: &Axis,
+        params: &DetectParams,
+        control: &Control,
+    ) -> Result<Detection> {
         let surface = &prepared.surface;
         let gate = if surface.oriented { DETECTION_GATE } else { UNSEEN_DETECTION_GATE };
         let [distance, off_plane] = gate.map(|spacings| spacings * surface.spacing);
         let widest = self.final_gate(surface);
         let distance = (prepared.sparseness * distance).min(widest.distance);
         let gate = Gate { distance, off_plane, ..widest };
-        let mut params = self.config().detect.clone();
-        if self.config().order != Order::Auto && !prepared.one_view() {
-            params.samples = params.samples.min(REMARKED);
-            params.ring_samples = params.ring_samples.min(REMARKED);
-        }
         let sight = prepared.sight(axis);
         let turning = Turning { surface, axis, gate, sight, control };
-        let mut detection = detect_order(&turning, &params)?;
+        let mut detection = detect_order(&turning, params)?;
         let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
         if let Some(order) = detection.order.filter(|_| shows_details) {
-            detection.details = contradicting_details(&turning, order, &params)?;
+            detection.details = contradicting_details(&turning, order, params)?;
             if let Some(Details::OfOrder { order, .. }) = detection.details {
                 // What was faint is the order of the rest.
                 (detection.order, detection.faint) = (Some(Order::Cyclic(order)), false);

@@ -53,10 +53,9 @@ impl Control {
         Self { cancel: CancelToken::default(), started: Instant::now(), timeout: None, progress: None }
     }
 
-    /// The clock started earlier, by this much.
-    #[cfg(feature = "cli")]
+    /// The clock started earlier, by this much: what was done before, such as reading a file, counts toward the deadline.
     #[must_use]
-    pub(crate) fn with_elapsed(mut self, elapsed: Duration) -> Self {
+    pub fn with_elapsed(mut self, elapsed: Duration) -> Self {
         self.started = self.started.checked_sub(elapsed).unwrap_or(self.started);
         self
     }

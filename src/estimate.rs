@@ -146,6 +146,7 @@ impl Estimator {
         };
         let Framed { axis, mut completion, histogram, mut posed } =
             self.frame(&prepared, &settled, &refined, request, &mut stages)?;
+        let explained = settled.explained();
         let Settled { refined: found, order, score, detection, ambiguous, mut warnings } = settled;
         note_evidence(&prepared, &found, &score, &detection, &mut stages);
         warnings.extend(self.warnings(cloud, &prepared));
@@ -180,7 +181,7 @@ impl Estimator {
             world_from_object: prepared.world_from_local * local_from_object,
             order,
             score: prepared.trust(&score) * if ambiguous || is_free { AMBIGUOUS } else { 1.0 },
-            explained: detection.explained,
+            explained,
             covariance,
             unobservable,
             warnings,

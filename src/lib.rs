@@ -36,7 +36,7 @@
 //! - Squared and linear distances never share a name: `distance_sq` and `distance`.
 //! - Points are `[f64; 3]`, indices `u32` into the points as they were given, also where some were dropped.
 //! - A cloud is shifted to a local origin before any arithmetic: georeferenced coordinates lose nothing.
-//! - The same input, configuration and seed give the same bytes at any number of threads.
+//! - The same input, configuration and seed give the same bytes at any number of threads, but for [`Estimate::timings`].
 //! - Nothing prints, exits or configures the global thread pool, and no input makes an [`Estimator`], a filter or a reader panic:
 //!   whatever is wrong comes back as an [`Error`] with the value that was found. Arrays that belong together must have the
 //!   same number of rows.
@@ -79,6 +79,7 @@ pub mod reference;
 mod refusal;
 mod remarks;
 pub mod result;
+mod sampling;
 pub mod schema;
 pub mod spatial;
 mod stages;

@@ -15,7 +15,9 @@ use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Order;
 use crate::symmetry::propose::Proposal;
 use crate::symmetry::score::MatchScore;
-use crate::symmetry::search::{Found, SearchContext, search_known, search_unknown};
+use crate::symmetry::search::{
+    Found, HYPOTHESES, LARGER_HYPOTHESES, SearchContext, search_known, search_unknown,
+};
 
 /// Score below which a pose counts as lost, and the search goes on.
 pub(crate) const TRACKED: f64 = Estimate::TRUSTWORTHY;
@@ -196,6 +198,28 @@ impl Estimator {
 
     /// [`Estimator::search`] on what is left of the cloud.
     fn search_on(&self, prepared: Prepared, stages: &mut Stages) -> Result<Aligned> {
+        let is_patchy = prepared.visibility.as_ref().is_some_and(|v| v.is_patchy);
+        let mut found = self.search_under(&HYPOTHESES, &prepared, stages);
+        if let Err(Error::NoSymmetry { .. }) = found
+            && self.config().order == Order::Auto
+            && !is_patchy
+        {
+            found = match self.search_under(&LARGER_HYPOTHESES, &prepared, stages) {
+                Err(Error::NoSymmetry { .. }) => found,
+                second => second,
+            };
+        }
+        let (candidates, settled) = found?;
+        Ok(Aligned { prepared, candidates, settled })
+    }
+
+    /// The best axis and all candidates; where the order is open, of those that turns of the `hypotheses` lead to.
+    fn search_under(
+        &self,
+        hypotheses: &[Order],
+        prepared: &Prepared,
+        stages: &mut Stages,
+    ) -> Result<(Vec<Found>, Settled)> {
         let config = self.config();
         stages.begin("propose")?;
         let surface = &prepared.surface;
@@ -204,7 +228,7 @@ impl Estimator {
         let context = SearchContext {
             diameter: prepared.diameter,
             hints: &hints,
-            within: self.hint(&prepared),
+            within: self.hint(prepared),
             visibility: prepared.visibility.as_ref(),
             propose: &config.propose,
             detect: &config.detect,
@@ -212,12 +236,12 @@ impl Estimator {
             control: stages.control(),
         };
         let candidates = match config.order {
-            Order::Auto => search_unknown(surface, &context)?,
+            Order::Auto => search_unknown(surface, hypotheses, &context)?,
             order => search_known(surface, order, &context)?,
         };
         stages.begin("refine")?;
-        let settled = self.settle(&prepared, &candidates, stages.control())?;
-        Ok(Aligned { prepared, candidates, settled })
+        let settled = self.settle(prepared, &candidates, stages.control())?;
+        Ok((candidates, settled))
     }
 
     /// What the part is taken to stand on in the first place.

@@ -17,9 +17,9 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Picture {
     /// Pose of the camera, which looks along +z.
-    pub world_from_camera: Isometry3<f64>,
+    world_from_camera: Isometry3<f64>,
     /// Least and largest x / z and y / z that it shows.
-    pub corners: [[f64; 2]; 2],
+    corners: [[f64; 2]; 2],
 }
 
 impl Picture {
@@ -39,6 +39,11 @@ impl Picture {
             value: format!("corners {corners:?} at {:?}", world_from_camera.translation.vector.as_slice()),
             expected: "a finite pose, and finite corners of which the first has the smaller coordinates",
         })
+    }
+
+    /// The same field of view, all in another frame.
+    pub(crate) fn moved(&self, local_from_world: &Isometry3<f64>) -> Self {
+        Self { world_from_camera: local_from_world * self.world_from_camera, ..*self }
     }
 
     /// Where the camera stands.

@@ -10,6 +10,7 @@ use crate::symmetry::order::Order;
 /// A motion that leaves the part looking the same, so that the data cannot fix it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum FreeDirection {
     /// Rotation about the axis.
     Yaw,
@@ -116,6 +117,7 @@ impl Estimate {
 /// One figure or remark of a stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum Diagnostic {
     /// A yes or no.
     Flag(bool),

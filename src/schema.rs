@@ -5,6 +5,8 @@
 //!
 //! - `pose` is 4x4, row by row; `axis`, `center` and `quaternion` (x y z w) repeat it in other words.
 //! - Numbers that are not finite are `null`: in `covariance` an infinite variance.
+//! - Every number is written so that it reads back as the same one; a reader in Rust needs `serde_json` with its feature
+//!   `float_roundtrip` for that.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -7,6 +7,7 @@ use kiddo::{Eytzinger, FlatVec, SquaredEuclidean};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::sampling::even_sample;
 
 type Metric = SquaredEuclidean<f64>;
 /// Points of a leaf. In the arenas of 32 of kiddo's own alias for immutable trees, the nearest point takes 1.25 times as
@@ -239,8 +240,8 @@ fn bits(point: &[f64; 3]) -> [u64; 3] {
 }
 
 fn full_of_duplicates(points: &[[f64; 3]]) -> bool {
-    let step = points.len().div_ceil(DUPLICATE_SAMPLE);
-    let mut sample: Vec<[u64; 3]> = points.iter().step_by(step).map(bits).collect();
+    let chosen = even_sample(points.len(), DUPLICATE_SAMPLE, 0);
+    let mut sample: Vec<[u64; 3]> = chosen.into_iter().map(|i| bits(&points[i])).collect();
     let drawn = sample.len();
     sample.sort_unstable();
     sample.dedup();

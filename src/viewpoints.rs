@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 /// use sympose::{PointCloud, Viewpoints};
 /// let cloud = PointCloud::from_points(vec![[0.0; 3], [1.0; 3], [2.0; 3]])?;
 /// let viewpoints = Viewpoints::of_rows(&[[0.0, 0.0, 5.0], [0.0, 0.0, 5.0], [9.0, 0.0, 5.0]]);
+/// assert_eq!(viewpoints.of_point(3), None);
 /// assert!(cloud.with_sensor_at(viewpoints)?.has_viewpoints());
 /// # Ok::<(), sympose::Error>(())
 /// ```
@@ -50,11 +51,12 @@ impl Viewpoints {
         self.place_of.get(index).map_or(0, |&place| place as usize)
     }
 
-    /// Where point `index` was seen from.
+    /// Where point `index` was seen from; `None` where that is not known, or there is no such point.
     #[inline]
     #[must_use]
     pub fn of_point(&self, index: usize) -> Option<[f64; 3]> {
-        self.places.get(self.place_of(index)).copied()
+        let place = if self.are_one() { 0 } else { *self.place_of.get(index)? as usize };
+        self.places.get(place).copied()
     }
 
     /// Whether they were given by a single row, for all points.

@@ -103,6 +103,20 @@ fn bad_usage_is_refused() {
 }
 
 #[test]
+fn no_output_overwrites_the_scan_or_the_other_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = folder.path().join("hub.ply");
+    std::fs::copy(HUB, &copy).unwrap();
+    let roundabout = folder.path().join(".").join("hub.ply");
+    refused(&["estimate", text(&copy), "--completed", text(&roundabout)], "another file than the scan");
+    refused(&["estimate", text(&copy), "--json", text(&copy)], "another file than the scan");
+    let new = folder.path().join("new.ply");
+    let both = ["estimate", text(&copy), "--json", text(&new), "--completed", text(&new)];
+    refused(&both, "another file than that of the completed cloud");
+    assert_eq!(std::fs::read(&copy).unwrap(), std::fs::read(HUB).unwrap());
+}
+
+#[test]
 fn bad_input_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (missing, foreign) = (folder.path().join("none.ply"), folder.path().join("photo.ply"));

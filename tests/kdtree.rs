@@ -195,6 +195,11 @@ fn identical_flat_and_straight_clouds_are_no_slower_than_others() {
     let mut two = vec![[0.0; 3]; 50_000];
     two.extend(vec![[1.0; 3]; 50_000]);
     finishes_within(limit, &two);
+    // An image with a return in its first column only: a stride of as many rows as are looked at meets no other column.
+    let mut image = vec![[0.0; 3]; 1024 * 100];
+    let column = Random(4).cube(1024, 1.0);
+    (0..1024).for_each(|row| image[100 * row] = column[row]);
+    finishes_within(limit, &image);
     let cube = Random(5).cube(100_000, 1.0);
     finishes_within(limit, &cube.iter().map(|p| [p[0], p[1], 0.5]).collect::<Vec<_>>());
     finishes_within(limit, &cube.iter().map(|p| [p[0], 0.25, 0.5]).collect::<Vec<_>>());

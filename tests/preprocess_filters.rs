@@ -201,6 +201,12 @@ fn empty_single_and_identical_clouds_pass() {
     assert!(remove_statistical_outliers(&[], &StatisticalParams::default()).unwrap().is_empty());
     assert!(main_cluster(&[], &ClusterParams::default()).unwrap().kept.is_empty());
 
+    // The square of such a distance is infinite.
+    let mut far: Vec<[f64; 3]> = (0..1000).map(|i| [f64::from(i % 30), f64::from(i / 30), 0.0]).collect();
+    far.push([1e160, 0.0, 0.0]);
+    let kept = remove_statistical_outliers(&far, &StatisticalParams { k: 5, std_ratio: 3.0 }).unwrap();
+    assert!(kept.len() > 900 && !kept.contains(&1000));
+
     let same = vec![[0.1, 0.2, 0.3]; 5000];
     assert_eq!(voxel_downsample(&same, 1e-9).unwrap().counts, [5000]);
     assert_eq!(

@@ -8,7 +8,7 @@ use sympose::symmetry::detect::DetectParams;
 use sympose::symmetry::order::{Order, Turns};
 use sympose::symmetry::propose::ProposeParams;
 use sympose::symmetry::refine::{Aligner, RefineParams};
-use sympose::symmetry::search::{SearchContext, search_known, search_unknown};
+use sympose::symmetry::search::{HYPOTHESES, SearchContext, search_known, search_unknown};
 use sympose::symmetry::surface::{Gate, Samples, Surface};
 use sympose::{Control, Error};
 
@@ -25,6 +25,31 @@ fn tube(points: usize, bumps: f64) -> Samples {
     let points: Vec<Vector3<f64>> = (0..points).map(place).collect();
     let normals = points.iter().map(|p| Vector3::new(p.x, p.y, 0.0).normalize()).collect();
     Samples { points, normals }
+}
+
+fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[test]
+fn rotations_of_an_order_tell_it_from_all_its_parts() {
+    for n in 2..=360 {
+        let generating = |half: u32| (1..=half).filter(|&k| gcd(k, n) == 1).count();
+        for max in [1, 5, 12] {
+            for (turns, count) in
+                [(Turns::half(Order::Cyclic(n), max), n / 2), (Turns::all(Order::Cyclic(n), max), n - 1)]
+            {
+                let steps: Vec<u32> = turns
+                    .angles()
+                    .map(|angle| (angle / std::f64::consts::TAU * f64::from(n)).round() as u32)
+                    .collect();
+                assert_eq!(steps.len(), max.min(count as usize), "order {n}, at most {max}");
+                assert!(steps.is_sorted() && steps.iter().all(|step| (1..=count).contains(step)));
+                let found = steps.iter().filter(|&&step| gcd(step, n) == 1).count();
+                assert_eq!(found, max.min(generating(count)), "order {n}, at most {max}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -56,7 +81,7 @@ fn a_surface_without_a_spacing_is_refused_and_ends() {
     };
     let known = search_known(&flat, Order::Cyclic(5), &context);
     assert!(matches!(known, Err(Error::InvalidParameter { name: "gates", .. })));
-    let unknown = search_unknown(&flat, &context);
+    let unknown = search_unknown(&flat, &HYPOTHESES, &context);
     assert!(matches!(unknown, Err(Error::InvalidParameter { name: "gates", .. })));
 }
 

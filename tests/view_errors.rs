@@ -40,7 +40,7 @@ fn looks(
 ) -> Looks {
     const COUNT: f64 = 4.0;
     let (mut counts, mut heights) = (Vec::new(), Vec::new());
-    for (point, normal_there) in surface.samples.points.iter().zip(&surface.samples.normals) {
+    for (point, normal_there) in surface.samples().points.iter().zip(&surface.samples().normals) {
         let seen: Vec<Option<f64>> = errors
             .iter()
             .enumerate()
@@ -88,7 +88,7 @@ fn finds_errors_of_any_size_under_noise() {
         assert!((found.shift / shifted - 1.0).abs() < 0.3, "shift {} for {shifted}", found.shift);
         assert!((found.turn / turned - 1.0).abs() < 0.3, "turn {} for {turned}", found.turn);
         // A part of the errors is left in it, since each view is compared with others that are off as well.
-        let most = 1.1 * noise + 0.5 * shift.hypot(turn * surface.radius);
+        let most = 1.1 * noise + 0.5 * shift.hypot(turn * surface.radius());
         assert!((0.9 * noise..most).contains(&found.noise), "noise {} for {noise}", found.noise);
     }
 }

@@ -82,7 +82,7 @@ _LAZY = {
     "segment": "sympose.segmentation",
     "write": "sympose.io",
 }
-_LAZY_MODULES = ("datasets", "evaluation", "io", "plotting", "segmentation")
+_LAZY_MODULES = ("bop", "datasets", "evaluation", "io", "plotting", "segmentation")
 
 
 def __getattr__(name: str) -> Any:

@@ -116,9 +116,9 @@ def estimate(
     }
     changes = {name: value for name, value in given.items() if value is not None}
     settings = (config or Config()).replace(**changes)
+    watch = Watch(timeout, progress)
     source = _as_scene(scene)
     views = source.views if views is None else as_views(views)
-    watch = Watch(timeout, progress)
     cloud = cloud_of(source, views, settings, watch)
     if viewpoints is not None:
         cloud["viewpoints"] = viewpoints

@@ -1,5 +1,5 @@
-//! The command line, shared by the `sympose` binary and the Python entry point; it uses the public interface and
-//! `Estimate::of_scan`.
+//! The command line, shared by the `sympose` binary and the Python entry point; it uses the public interface, but for what
+//! ARCHITECTURE.md names.
 //!
 //! Results go to standard output, progress and remarks to standard error. Exit codes: 0 done, 1 no trustworthy pose,
 //! 2 bad usage or input, 130 cancelled. No signal handler is installed: Ctrl-C ends the binary as it ends any program,

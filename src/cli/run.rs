@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::io::{ErrorKind, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use serde::Serialize;
@@ -126,7 +126,30 @@ pub(super) fn check_outputs(args: &EstimateArgs) -> Result<()> {
     if let Some(path) = &args.completed {
         Format::of(path)?;
     }
-    args.completed.iter().chain(&args.json).try_for_each(|path| has_folder(path))
+    args.completed.iter().chain(&args.json).try_for_each(|path| has_folder(path))?;
+    let is_scan = |path: &&PathBuf| is_same_file(path, &args.scan);
+    if let Some(path) = args.completed.iter().chain(&args.json).find(is_scan) {
+        return Err(overwritten(path, "another file than the scan"));
+    }
+    match (&args.completed, &args.json) {
+        (Some(completed), Some(json)) if is_same_file(completed, json) => {
+            Err(overwritten(json, "another file than that of the completed cloud"))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn overwritten(path: &Path, expected: &'static str) -> Error {
+    Error::InvalidParameter { name: "output", value: path.display().to_string(), expected }
+}
+
+/// Whether two paths lead to one file, as they stand where it is not there yet.
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        (Err(_), Err(_)) => a == b,
+        _ => false,
+    }
 }
 
 /// Fails where the folder that a file is to be written to is none.

@@ -64,10 +64,15 @@ impl<'a> Header<'a> {
     }
 }
 
+/// A row without what follows a #: a comment, as NumPy takes it.
+fn without_comment(row: &str) -> &str {
+    row.split('#').next().unwrap_or(row).trim_end()
+}
+
 /// Whether a line is the first row: below names of the columns, or beginning with a number.
 fn is_row(line: &str, header: Option<&Header>) -> bool {
     header.is_some_and(|header| roles(&header.names).is_some()) || {
-        let Header { names: cells, .. } = Header::of(line);
+        let Header { names: cells, .. } = Header::of(without_comment(line));
         cells.first().is_some_and(|cell| cell.replace(',', ".").parse::<f64>().is_ok())
     }
 }
@@ -88,7 +93,8 @@ struct Rows<'a> {
 impl<'a> Rows<'a> {
     /// None yet, of the form that `first` has.
     fn like(first: &'a str, header: Option<Header<'a>>) -> Result<Self, String> {
-        let delimiter = delimiter_of(first, header.as_ref().and_then(|header| header.delimiter));
+        let delimiter =
+            delimiter_of(without_comment(first), header.as_ref().and_then(|header| header.delimiter));
         let names = header.map(|header| header.names);
         let mut rows =
             Self { names, delimiter, width: 0, used: Vec::new(), numbers: Vec::new(), cells: Vec::new() };
@@ -111,9 +117,7 @@ impl<'a> Rows<'a> {
     }
 
     fn split(&mut self, line: &'a str) {
-        // As NumPy does, take what follows a # in a row for a comment.
-        let row = line.split('#').next().unwrap_or(line).trim_end();
-        split(row, self.delimiter, &mut self.cells);
+        split(without_comment(line), self.delimiter, &mut self.cells);
     }
 
     /// Whether the row at hand ends with its delimiter.

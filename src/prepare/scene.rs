@@ -208,11 +208,7 @@ impl<'a> Scene<'a> {
     /// The fields of view of the cameras, in the frame of the points.
     fn pictures(&self) -> Vec<Picture> {
         let local_from_world = self.inverse * Translation3::from(-Vector3::from(self.cloud.origin()));
-        let local = |picture: &Picture| Picture {
-            world_from_camera: local_from_world * picture.world_from_camera,
-            ..*picture
-        };
-        self.cloud.pictures().iter().map(local).collect()
+        self.cloud.pictures().iter().map(|picture| picture.moved(&local_from_world)).collect()
     }
 
     /// The largest thing that stands on a `floor`, without what else stands there: pieces far apart beside

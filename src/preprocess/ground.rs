@@ -5,11 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use super::check_finite;
 use super::fields::Fields;
-use super::plane::{HalfSpace, PlaneParams, even_sample, segment_plane};
+use super::plane::{HalfSpace, PlaneParams, segment_plane};
 use super::support::{Found, SeenPoints, Support};
 use crate::config::GroundMode;
 use crate::error::Result;
 use crate::median::robust_sigma;
+use crate::sampling::even_sample;
 
 /// Settings of [`find_ground`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

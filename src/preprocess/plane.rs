@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +12,7 @@ use super::eigen::smallest_eigenvector;
 use super::moments::Moments;
 use super::{CHUNK, check_finite};
 use crate::error::{Error, Result, shown};
+use crate::sampling::{below, even_indices};
 use crate::validate::positive;
 
 /// Hypotheses between two looks at the stopping rule; fixed, so that it does not depend on the number of threads.
@@ -271,25 +272,6 @@ fn trials(share: f64, probability: f64) -> usize {
     } else {
         usize::MAX
     }
-}
-
-/// At most `wanted` of `len` indices, ascending: one at random from each of equal stretches, so that no stride can fall in
-/// step with scan lines.
-pub(crate) fn even_sample(len: usize, wanted: usize, seed: u64) -> Vec<usize> {
-    even_indices(len, wanted, &mut ChaCha8Rng::seed_from_u64(seed))
-}
-
-fn even_indices(len: usize, wanted: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
-    if len <= wanted {
-        return (0..len).collect();
-    }
-    let bound = |i: usize| i * len / wanted;
-    (0..wanted).map(|i| bound(i) + below(random, bound(i + 1) - bound(i))).collect()
-}
-
-/// A random number below `n`, by multiplication; the bias of 2^-64 n is of no account.
-fn below(random: &mut ChaCha8Rng, n: usize) -> usize {
-    ((u128::from(random.next_u64()) * n as u128) >> 64) as usize
 }
 
 /// The plane through three points far apart: a first hypothesis that no bad luck with samples can miss.

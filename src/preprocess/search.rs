@@ -8,6 +8,7 @@ use super::cells::CellList;
 use super::selection::{Near, Selection};
 use super::{CHUNK, at_least_one, check_finite};
 use crate::error::{Error, Result};
+use crate::sampling::even_sample;
 use crate::spatial::KdTree;
 
 /// Queries from whose k-th neighbour the edge of a cell is found.
@@ -142,9 +143,9 @@ pub(super) fn nearest(tree: &KdTree, points: &[[f64; 3]], query: &[f64; 3], k: u
 
 /// Distance within which most queries have their `k` nearest points; 0 for no queries.
 fn usual_reach(tree: &KdTree, queries: &[[f64; 3]], k: usize) -> f64 {
-    let sample = queries.iter().step_by(queries.len().div_ceil(REACH_SAMPLE).max(1));
-    let farthest = |query| Some(tree.k_nearest(query, k).last()?.distance_sq.sqrt());
-    let mut reaches: Vec<f64> = sample.filter_map(farthest).collect();
+    let farthest = |i: usize| Some(tree.k_nearest(&queries[i], k).last()?.distance_sq.sqrt());
+    let mut reaches: Vec<f64> =
+        even_sample(queries.len(), REACH_SAMPLE, 0).into_iter().filter_map(farthest).collect();
     reaches.sort_unstable_by(f64::total_cmp);
     let rank = REACH_QUANTILE * reaches.len().saturating_sub(1) as f64;
     // The square of a root may be less than what it is the root of, and on a lattice all neighbours are as far.

@@ -88,9 +88,11 @@ pub fn statistical_inliers(neighbors: &KNeighbors, params: &StatisticalParams) -
 
 /// Points whose mean distance is not unusually large.
 fn usual(means: &[f64], std_ratio: f64) -> Vec<u32> {
-    let average = chunked_sum(means, |mean| mean) / means.len() as f64;
-    let square = chunked_sum(means, |mean| (mean - average) * (mean - average));
-    let deviation = (square / (means.len().max(2) - 1) as f64).sqrt();
+    // Beyond about 1e154 the square of a distance overflows. Such a point is an outlier, and tells nothing about the others.
+    let finite: Vec<f64> = means.iter().copied().filter(|mean| mean.is_finite()).collect();
+    let average = chunked_sum(&finite, |mean| mean) / finite.len() as f64;
+    let square = chunked_sum(&finite, |mean| (mean - average) * (mean - average));
+    let deviation = (square / (finite.len().max(2) - 1) as f64).sqrt();
     let threshold = average + std_ratio * deviation;
     // Rounding aside, equal means have no deviation and lie on the threshold.
     let keep = |mean: f64| mean < threshold || mean <= average * (1.0 + 1e-12);

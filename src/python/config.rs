@@ -52,8 +52,21 @@ pub(super) fn parse(py: Python<'_>, config: &str) -> PyResult<Config> {
     // By way of a value, since the line and column of JSON that nobody wrote would only confuse.
     let value: serde_json::Value =
         serde_json::from_str(config).map_err(|error| errors::invalid_input(py, error.to_string()))?;
-    let config: Config = serde_path_to_error::deserialize(value)
-        .map_err(|error| errors::invalid_input(py, format!("{}: {}", error.path(), error.inner())))?;
+    let config: Config = serde_path_to_error::deserialize(value).map_err(|error| {
+        let message = in_words(&error.inner().to_string());
+        errors::invalid_input(py, format!("{}: {message}", error.path()))
+    })?;
     config.validate().map_err(|error| errors::exception(py, error))?;
     Ok(config)
+}
+
+/// A message of serde with the types of Rust in words.
+fn in_words(message: &str) -> String {
+    const WORDS: [(&str, &str); 4] = [
+        ("expected usize", "expected a whole number, 0 or more"),
+        ("expected u32", "expected a whole number, 0 or more"),
+        ("expected u64", "expected a whole number, 0 or more"),
+        ("expected f64", "expected a number"),
+    ];
+    WORDS.iter().fold(message.to_owned(), |message, (name, words)| message.replace(name, words))
 }

@@ -82,7 +82,7 @@ fn order<'py>(py: Python<'py>, order: Order) -> PyResult<Bound<'py, PyAny>> {
     json::to_python(py, &order)
 }
 
-fn read_only<'py>(py: Python<'py>, values: &impl Serialize) -> PyResult<Bound<'py, PyMappingProxy>> {
+fn read_only<'py>(py: Python<'py>, values: &(impl Serialize + Sync)) -> PyResult<Bound<'py, PyMappingProxy>> {
     Ok(PyMappingProxy::new(py, json::to_python(py, values)?.cast()?))
 }
 
@@ -276,7 +276,8 @@ impl PyEstimate {
     ///     InvalidInputError: The text is no estimate.
     #[classmethod]
     fn from_json(_class: &Bound<'_, PyType>, py: Python<'_>, text: &str) -> PyResult<Self> {
-        let estimate = serde_json::from_str(text)
+        let estimate = py
+            .detach(|| serde_json::from_str(text))
             .map_err(|error| errors::invalid_input(py, format!("the text is no estimate: {error}")))?;
         Self::new(py, estimate)
     }
@@ -287,7 +288,8 @@ impl PyEstimate {
     ///     OSError: The file cannot be written.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let text = json::to_text(py, &self.estimate)?;
-        std::fs::write(&path, text).map_err(|source| errors::exception(py, Error::Io { path, source }))
+        py.detach(|| std::fs::write(&path, text))
+            .map_err(|source| errors::exception(py, Error::Io { path, source }))
     }
 
     /// Read an estimate from a JSON file that `save`, or the command line, wrote.
@@ -297,14 +299,14 @@ impl PyEstimate {
     ///     OSError: The file cannot be read.
     #[classmethod]
     fn load(_class: &Bound<'_, PyType>, py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let bytes = match std::fs::read(&path) {
-            Ok(bytes) => bytes,
-            Err(source) => return Err(errors::exception(py, Error::Io { path, source })),
+        let read = || {
+            let bytes = std::fs::read(&path).map_err(|source| Error::Io { path: path.clone(), source })?;
+            serde_json::from_slice(&bytes).map_err(|error| {
+                let reason = format!("not an estimate: {error}");
+                Error::Format { path: path.clone(), reason }
+            })
         };
-        let estimate = serde_json::from_slice(&bytes).map_err(|error| {
-            let reason = format!("not an estimate: {error}");
-            errors::exception(py, Error::Format { path, reason })
-        })?;
+        let estimate = py.detach(read).map_err(|error| errors::exception(py, error))?;
         Self::new(py, estimate)
     }
 

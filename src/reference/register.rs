@@ -61,6 +61,10 @@ const AMBIGUOUS: f64 = 0.01;
 /// Ratio of the sizes beyond which parts differ.
 const LARGEST_RATIO: f64 = 1.15;
 
+/// Length of a scan along its axis beyond which it shows another part [diameters of the reference]: a reference that was taught
+/// from one end may lack much of the rest.
+const LONGEST: f64 = 10.0;
+
 /// A scan with the frame that symmetry gave it.
 pub(crate) struct PartScan<'a> {
     /// Points and normals.
@@ -129,7 +133,7 @@ impl Reference {
         let judged = scan.samples.strided(JUDGED);
         let mut flips: Vec<Vec<Place>> = Vec::new();
         for flipped in [false, true] {
-            let places = self.places(scan, flipped).into_iter();
+            let places = self.places(scan, flipped, control)?.into_iter();
             let mut places =
                 places.map(|place| self.closer(scan, &judged, place, control)).collect::<Result<Vec<_>>>()?;
             places.sort_by(|a, b| b.fit.total_cmp(&a.fit));
@@ -194,7 +198,7 @@ impl Reference {
     }
 
     /// The best places of a scan, turned over or not, on a grid of heights and turns within a sector.
-    fn places(&self, scan: &PartScan, flipped: bool) -> Vec<Place> {
+    fn places(&self, scan: &PartScan, flipped: bool, control: &Control) -> Result<Vec<Place>> {
         let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), if flipped { PI } else { 0.0 });
         let object_from_scan = over * scan.scan_from_object.inverse();
         let (sides, coarse) = (self.sides(scan.outward), &scan.samples.strided(TRIED));
@@ -212,14 +216,15 @@ impl Reference {
         let mut places: Vec<Place> = (0..heights * turns)
             .into_par_iter()
             .map(|i| {
+                control.check()?;
                 let (height, turn) = (i / turns, i % turns);
                 let about = Vector3::z() * (sector * turn as f64 / turns as f64);
                 let along = Translation3::new(0.0, 0.0, first + (height as f64 - 2.0) * step);
                 let object_from_scan = along * UnitQuaternion::from_scaled_axis(about) * object_from_scan;
                 let gate = 2.0 * step;
-                Place { object_from_scan, fit: closeness(sides, coarse, &object_from_scan, gate) }
+                Ok(Place { object_from_scan, fit: closeness(sides, coarse, &object_from_scan, gate) })
             })
-            .collect();
+            .collect::<Result<_>>()?;
         places.sort_by(|a, b| b.fit.total_cmp(&a.fit));
         let mut best: Vec<Place> = Vec::new();
         for place in places {
@@ -232,7 +237,7 @@ impl Reference {
                 best.push(place);
             }
         }
-        best
+        Ok(best)
     }
 
     /// Share of the reference that the scan confirms, of all that it could see: where it shows empty space, there must not
@@ -291,15 +296,19 @@ impl Reference {
 
     /// Why the scan cannot show the part that was taught, wherever it lies: another order or size.
     fn difference(&self, scan: &PartScan) -> Option<String> {
-        let [scanned, ..] = reach(&moved(&scan.samples.points, &scan.scan_from_object.inverse()));
+        let [scanned, low, high] = reach(&moved(&scan.samples.points, &scan.scan_from_object.inverse()));
         let [taught, ..] = reach(&self.surface.samples.points);
-        let ratio = scanned / taught;
+        let (ratio, longer) = (scanned / taught, (high - low) / self.diameter);
         if scan.order != self.order() {
             return Some(format!("order {}, but the reference has {}", scan.order, self.order()));
         }
-        (!(LARGEST_RATIO.recip()..=LARGEST_RATIO).contains(&ratio)).then(|| {
-            format!("its radius is {ratio:.3} times that of the reference; the unit must be the same")
-        })
+        if !(LARGEST_RATIO.recip()..=LARGEST_RATIO).contains(&ratio) {
+            return Some(format!(
+                "its radius is {ratio:.3} times that of the reference; the unit must be the same"
+            ));
+        }
+        (longer > LONGEST)
+            .then(|| format!("along its axis it is {longer:.0} diameters of the reference long"))
     }
 
     /// Why the scan shows another part where it fits best, if it does.

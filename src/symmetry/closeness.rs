@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use crate::config::Residual;
 use crate::symmetry::axis::{Axis, Turn};
+use crate::symmetry::order::gcd;
 use crate::symmetry::surface::{Gate, Surface};
-use crate::symmetry::sweep::gcd;
 
 /// A part of a group that holds more closely than the rest of it.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -50,12 +50,12 @@
 //! let found = search_known(&surface, order, &context)?;
 //!
 //! let (turns, params) = (Turns::half(order, 8), RefineParams::default());
-//! let (samples, residual) = (&surface.samples, Residual::default());
+//! let (samples, residual) = (surface.samples(), Residual::default());
 //! let aligner = Aligner { surface: &surface, samples, turns: &turns, residual, params: &params };
 //! let axis = aligner.align(found[0].proposal.axis, [0.03, 0.01], &control)?.axis;
 //! assert!(axis.direction.z.abs() > 0.99999 && axis.distance(&Vector3::zeros()) < 1e-3);
 //!
-//! let whole = complete(&surface.samples.points, &axis, order, spacing)?;
+//! let whole = complete(&surface.samples().points, &axis, order, spacing)?;
 //! assert!(whole.points.iter().any(|p| p.y.atan2(p.x).abs() < 0.1 && p.x > 0.4));
 //! # Ok::<(), sympose::Error>(())
 //! ```

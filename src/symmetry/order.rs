@@ -59,24 +59,19 @@ impl Turns {
     pub fn half(order: Order, max: usize) -> Self {
         match order {
             Order::Cyclic(n) => {
-                let half = (n / 2) as usize;
-                let turn = |k: usize| {
-                    let weight = if 2 * k == n as usize { 0.5 } else { 1.0 };
-                    (std::f64::consts::TAU * k as f64 / f64::from(n), weight)
-                };
-                Self(spread(half, max).map(|k| turn(k + 1)).collect())
+                let weight = |k: u32| if 2 * k == n { 0.5 } else { 1.0 };
+                Self(chosen(n, n / 2, max).map(|k| (angle(k, n), weight(k))).collect())
             }
             Order::Continuous | Order::Auto => Self::golden(max),
         }
     }
 
-    /// All rotations but the identity, at most `max` of them, evenly spread.
+    /// All rotations but the identity, at most `max` of them.
     #[must_use]
     pub fn all(order: Order, max: usize) -> Self {
         match order {
             Order::Cyclic(n) => {
-                let turn = |k: usize| (std::f64::consts::TAU * k as f64 / f64::from(n), 1.0);
-                Self(spread((n as usize).saturating_sub(1), max).map(|k| turn(k + 1)).collect())
+                Self(chosen(n, n.saturating_sub(1), max).map(|k| (angle(k, n), 1.0)).collect())
             }
             Order::Continuous | Order::Auto => Self::golden(max),
         }
@@ -116,10 +111,30 @@ impl Turns {
     }
 }
 
-/// At most `max` indices below `count`, evenly spread, the last one included.
-fn spread(count: usize, max: usize) -> impl Iterator<Item = usize> {
-    let taken = count.min(max.max(1));
-    (1..=taken).map(move |i| (i * count) / taken - 1)
+/// Angle of `k` times the smallest rotation of order `n` \[rad\].
+fn angle(k: u32, n: u32) -> f64 {
+    std::f64::consts::TAU * f64::from(k) / f64::from(n)
+}
+
+/// At most `max` of the multiples 1 to `count` of the smallest rotation of order `n`, ascending. Those that generate the whole
+/// group come first: a part of lower order may map to itself under all the others.
+fn chosen(n: u32, count: u32, max: usize) -> impl Iterator<Item = u32> {
+    let (generating, others): (Vec<u32>, Vec<u32>) = (1..=count).partition(|&k| gcd(k, n) == 1);
+    let mut chosen: Vec<u32> = spread(&generating, max.max(1)).collect();
+    chosen.extend(spread(&others, max.saturating_sub(chosen.len())));
+    chosen.sort_unstable();
+    chosen.into_iter()
+}
+
+/// At most `max` of the values, evenly spread, the last one included.
+fn spread(values: &[u32], max: usize) -> impl Iterator<Item = u32> + '_ {
+    let taken = values.len().min(max);
+    (1..=taken).map(move |i| values[i * values.len() / taken - 1])
+}
+
+/// Greatest common divisor.
+pub(crate) fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 fn invalid(value: &str) -> Error {

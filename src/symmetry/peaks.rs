@@ -7,7 +7,8 @@
 //! the second does not depend on v, so that an order shows where the matches stand out from those at the angles around.
 
 use crate::symmetry::detect::{DetectParams, rival};
-use crate::symmetry::sweep::{Sweep, fraction, gcd};
+use crate::symmetry::order::gcd;
+use crate::symmetry::sweep::{Sweep, fraction};
 
 /// An order that stands out.
 pub(crate) struct Standing {

@@ -1,6 +1,7 @@
-//! Whether the turns of a group exchange pieces of the surface that nothing joins: two like parts beside each other have an axis
-//! of order two between them.
+//! Pieces of the surface that nothing joins: whether they may be several parts. Two like parts beside each other have an axis of
+//! order two between them, and another one through both.
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::error::Result;
@@ -8,6 +9,34 @@ use crate::preprocess::{ClusterParams, main_cluster};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::surface::{Gate, Surface};
+
+/// Whether one of the pieces is so large, and so far from all the rest, that it is likely another part.
+///
+/// # Errors
+/// Those of [`main_cluster`].
+pub(crate) fn has_piece_apart(surface: &Surface, diameter: f64) -> Result<bool> {
+    /// Edge of the grid that joins points, and distance from all the rest [diameters of all]. Pieces of one part, its middle hidden,
+    /// are up to 0.15 apart.
+    const JOINED: f64 = 0.05;
+    const APART: f64 = 0.2;
+    /// Share of the points.
+    const LARGE: f64 = 0.2;
+    /// Points that are looked at.
+    const LOOKED_AT: usize = 2000;
+    let samples = surface.samples.strided(LOOKED_AT).points;
+    let points: Vec<[f64; 3]> = samples.iter().map(|&p| p.into()).collect();
+    let pieces = main_cluster(&points, &ClusterParams { distance: JOINED * diameter, keep_ratio: 1.0 })?;
+    let is_apart = |piece: u32| {
+        let (own, others): (Vec<_>, Vec<_>) =
+            samples.iter().zip(&pieces.labels).partition(|(_, label)| **label == piece);
+        let is_near =
+            |p: &Vector3<f64>, q: &Vector3<f64>| (p - q).norm_squared() < (APART * diameter).powi(2);
+        !own.iter().any(|(p, _)| others.iter().any(|(q, _)| is_near(p, q)))
+    };
+    let large = (1..).zip(pieces.sizes.iter().skip(1));
+    let mut large = large.filter(|(_, size)| **size as f64 > LARGE * points.len() as f64);
+    Ok(large.any(|(piece, _)| is_apart(piece)))
+}
 
 /// Whether every turn takes what it takes to a measured place to another piece of the surface.
 ///

@@ -145,7 +145,7 @@ pub fn propose(surface: &Surface, turns: &Turns, context: &SearchContext<'_>) ->
     for (round, (&samples, &kept)) in params.samples.iter().zip(&params.kept).enumerate() {
         let last = round + 1 == params.samples.len();
         let gates = [gate(round as i32), if last { finest } else { gate(round as i32 + 1) }];
-        let samples = surface.samples.strided(samples * more);
+        let samples = surface.samples.strided(samples.saturating_mul(more));
         let tried = trial(surface, &samples, turns, gates, &starts, context)?;
         let scale = 0.5f64.powi(round as i32);
         let offset = params.distinct_offset * scale * diameter;

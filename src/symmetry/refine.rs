@@ -127,13 +127,14 @@ impl Motion {
         self.rim.norm() + self.point.norm()
     }
 
-    /// Share of the motion `before` that is left in this one; `None` unless both have one direction.
+    /// Share of the motion `before` that is left in this one; `None` unless both have one direction and this one is shorter.
     ///
     /// Noise lets a rotated point always find some neighbour nearby, so each round makes good only a share of the error,
     /// the same share every time.
     fn ratio(&self, before: &Self) -> Option<f64> {
         let (along, before_sq) = (self.dot(before), before.dot(before));
-        (along > 0.9 * (before_sq * self.dot(self)).sqrt()).then_some(along / before_sq)
+        let share = along / before_sq;
+        (along > 0.9 * (before_sq * self.dot(self)).sqrt() && share < 1.0).then_some(share)
     }
 
     fn applied(&self, axis: &Axis, times: f64, radius: f64) -> Axis {
@@ -224,8 +225,9 @@ impl<'a> Aligner<'a> {
                 if let Some(ratio) = ratio {
                     gain = (1.0 - ratio).clamp(LEAST_GAIN, 1.0);
                 }
-                // Aitken's extrapolation to where ever shorter steps would end.
+                // Aitken's extrapolation to where ever shorter steps would end, no farther than matches are looked for.
                 let ahead = ratio.map_or(0.0, |ratio| 1.0 / (1.0 - ratio).max(LEAST_GAIN) - 1.0);
+                let ahead = ahead.min(distance / motion.length());
                 // What is left when each round makes good only a share; an extrapolated step needs one more to say so.
                 let step = motion.length() / gain;
                 axis = motion.applied(&moved, ahead, *radius).recentered(centroid);
@@ -267,7 +269,7 @@ impl<'a> Aligner<'a> {
             control.check()?;
             let SelfAlignment { turns, residual, loss, anchor, max_offset, .. } = problem;
             let rest = Rest { turns, gate, residual, loss, anchor, max_offset, steps };
-            (axis, costs, rest.offsets(self.surface, &axis))
+            (axis, costs, rest.offsets(self.surface, &axis, control)?)
         } else {
             (aligned.axis, [problem.cost(&unknowns)?; 2], Vec::new())
         };

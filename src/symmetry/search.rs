@@ -20,8 +20,13 @@ use crate::symmetry::visibility::Visibility;
 
 /// Orders under which axes are proposed when none is known: small primes, whose multiples they also find, and turns
 /// that share no small divisor, which find high orders and surfaces of revolution.
-const HYPOTHESES: [Order; 5] =
+pub const HYPOTHESES: [Order; 5] =
     [Order::Cyclic(2), Order::Cyclic(3), Order::Cyclic(5), Order::Cyclic(7), Order::Continuous];
+
+/// Orders for a second search where these lead to none: those of fans, whose blades often have such a number against
+/// resonance, and hardly meet themselves under other turns.
+pub const LARGER_HYPOTHESES: [Order; 4] =
+    [Order::Cyclic(11), Order::Cyclic(13), Order::Cyclic(17), Order::Cyclic(19)];
 
 /// Proposals of each hypothesis that are asked for their order.
 const ASKED: usize = 3;
@@ -130,14 +135,18 @@ fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &S
     }
 }
 
-/// Axes and orders, best first: of the axes that explain the data about equally well, the one with the largest group.
+/// Axes and orders, best first, from axes proposed under each of the `hypotheses`: of the axes that explain the data about equally well, the one with the largest group.
 ///
 /// A dihedral part has two-fold axes across its main one that match as well; the largest group tells them apart, and so does
 /// an order that follows from two of them.
 ///
 /// # Errors
 /// Those of [`propose`].
-pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<Vec<Found>> {
+pub fn search_unknown(
+    surface: &Surface,
+    hypotheses: &[Order],
+    context: &SearchContext<'_>,
+) -> Result<Vec<Found>> {
     let quick = DetectParams {
         max_order: context.detect.max_order.min(SURVEY_ORDER),
         samples: context.detect.samples.min(QUICK),
@@ -154,7 +163,7 @@ pub fn search_unknown(surface: &Surface, context: &SearchContext<'_>) -> Result<
     };
     let context = SearchContext { propose: &params, ..*context };
     let mut proposed: Vec<(Axis, Order)> = Vec::new();
-    for hypothesis in HYPOTHESES {
+    for &hypothesis in hypotheses {
         let proposals = propose_under(surface, hypothesis, &context)?;
         proposed.extend(proposals.into_iter().map(|proposal| (proposal.axis, hypothesis)));
     }

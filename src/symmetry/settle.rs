@@ -8,6 +8,8 @@ use nalgebra::{Const, DimMin, Matrix3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 
 use crate::config::Residual;
+use crate::control::Control;
+use crate::error::Result;
 use crate::symmetry::axis::{Axis, Turn};
 use crate::symmetry::order::Turns;
 use crate::symmetry::robust::Huber;
@@ -44,13 +46,21 @@ struct Match<const D: usize> {
 
 impl Rest<'_> {
     /// Displacement of each point of `surface` \[length\]: along its normal where distances are measured to planes.
-    #[must_use]
-    pub(crate) fn offsets(&self, surface: &Surface, axis: &Axis) -> Vec<Vector3<f64>> {
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded).
+    pub(crate) fn offsets(
+        &self,
+        surface: &Surface,
+        axis: &Axis,
+        control: &Control,
+    ) -> Result<Vec<Vector3<f64>>> {
         match self.residual {
             Residual::PointToPlane => {
-                self.along(surface, axis, |i| SMatrix::<f64, 3, 1>::from(surface.samples.normals[i]))
+                let normal = |i: usize| SMatrix::<f64, 3, 1>::from(surface.samples.normals[i]);
+                self.along(surface, axis, control, normal)
             }
-            _ => self.along(surface, axis, |_| Matrix3::identity()),
+            _ => self.along(surface, axis, control, |_| Matrix3::identity()),
         }
     }
 
@@ -58,15 +68,17 @@ impl Rest<'_> {
         &self,
         surface: &Surface,
         axis: &Axis,
+        control: &Control,
         directions: impl Fn(usize) -> SMatrix<f64, 3, D> + Sync,
-    ) -> Vec<Vector3<f64>>
+    ) -> Result<Vec<Vector3<f64>>>
     where
         Const<D>: DimMin<Const<D>, Output = Const<D>>,
     {
         let moves: Vec<(Turn, f64)> =
             self.turns.iter().map(|(angle, weight)| (axis.turn(angle), weight)).collect();
         let mut offsets = vec![Vector3::zeros(); surface.len()];
-        offsets.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, offsets)| {
+        offsets.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, offsets)| {
+            control.check()?;
             let mut matches = Vec::with_capacity(moves.len());
             for (local, offset) in offsets.iter_mut().enumerate() {
                 let i = chunk * CHUNK + local;
@@ -79,8 +91,9 @@ impl Rest<'_> {
                 let smoothed = surface.smoothed(i);
                 *offset = smoothed - surface.samples.points[i] + directions * self.solve(&matches);
             }
-        });
-        offsets
+            Ok(())
+        })?;
+        Ok(offsets)
     }
 
     /// The match of point `i` under `turn`.

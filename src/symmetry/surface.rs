@@ -67,21 +67,21 @@ struct Packed {
 #[derive(Debug)]
 pub struct Surface {
     /// The measured points, in spatial order.
-    pub samples: Samples,
+    pub(crate) samples: Samples,
     /// Whether normals point toward the sensor, or all of them away from it where one view is assumed; otherwise their sign
     /// means nothing.
-    pub oriented: bool,
+    pub(crate) oriented: bool,
     /// The place from which one view is assumed to have seen all of it \[length\], where no viewpoint is given.
-    pub assumed_view: Option<Vector3<f64>>,
+    pub(crate) assumed_view: Option<Vector3<f64>>,
     /// Typical distance between neighbouring points \[length\].
-    pub spacing: f64,
+    pub(crate) spacing: f64,
     /// Mean of the points \[length\].
-    pub centroid: Vector3<f64>,
+    pub(crate) centroid: Vector3<f64>,
     /// Root mean square distance of the points from it \[length\].
-    pub radius: f64,
+    pub(crate) radius: f64,
     /// Mean height of the surface around each point over that point, along its normal \[length\]; empty where it is not
     /// known, so that every point stands for itself.
-    pub heights: Vec<f64>,
+    pub(crate) heights: Vec<f64>,
     /// The first one stands for no point and is infinitely far.
     packed: Vec<Packed>,
     /// Tables from fine to coarse, each with the largest gate that it serves \[length\].
@@ -128,6 +128,18 @@ impl Surface {
             packed,
             fields,
         }
+    }
+
+    /// The measured points, in spatial order.
+    #[must_use]
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// Root mean square distance of the points from their mean \[length\].
+    #[must_use]
+    pub fn radius(&self) -> f64 {
+        self.radius
     }
 
     /// Number of points.

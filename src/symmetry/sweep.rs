@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::control::Control;
 use crate::error::Result;
 use crate::symmetry::axis::{Axis, Turn};
+use crate::symmetry::order::gcd;
 use crate::symmetry::score::{MISSING, Outcome, outcome};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
@@ -251,10 +252,6 @@ pub(crate) fn fraction(k: u32, n: u32) -> (u32, u32) {
     let k = (k % n).min(n - k % n);
     let divisor = gcd(k, n);
     (k / divisor, n / divisor)
-}
-
-pub(crate) fn gcd(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 #[cfg(test)]

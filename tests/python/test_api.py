@@ -249,3 +249,9 @@ def test_no_symmetry_error_carries_its_evidence() -> None:
     error = sympose.NoSymmetryError("none", {"score": 0.1})
     copy: Any = pickle.loads(pickle.dumps(error))
     assert (str(copy), copy.evidence) == ("none", {"score": 0.1})
+
+
+def test_modules_are_there_without_an_import_of_their_own() -> None:
+    modules = "bop", "datasets", "evaluation", "io", "metrics", "plotting", "segmentation"
+    code = "import sympose\n" + "\n".join(f"sympose.{name}" for name in modules)
+    subprocess.run([sys.executable, "-c", code], check=True)

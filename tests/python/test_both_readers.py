@@ -179,6 +179,7 @@ TEXTS = {
     "quoted_alone.csv": rows(QUOTED, delimiter=","),
     "quoted.txt": rows(QUOTED),
     "quoted_german.csv": rows(QUOTED, delimiter=";", decimal=","),
+    "first_remark.xyz": rows(POINTS).replace("\n", " # seen first, of many\n", 1),
     "remarks.csv": "x,y,z\n" + rows(POINTS, delimiter=",").replace("\n", " # seen\n// and\n\n"),
     "twice.csv": "X,x,y,z\n" + rows(POINTS[:, :1], LABELS[:, None], POINTS[:, 1:], delimiter=","),
     "old_mac.txt": "# x y z\r" + rows(POINTS).replace("\n", "\r"),
@@ -207,6 +208,8 @@ def test_text(tmp_path: Path, name: str) -> None:
         "1,,2,3\n",
         'x,y,z,label\n1,2,3,"a\n4,5,6",b\n',
         "a title\nx,y,z\n1,2,3\n",
+        'x,y,z\n"367,024","-35,253","-14,735"\n',
+        '"1,234.5","2,3","4.5"\n',
     ],
 )
 def test_what_both_refuse(tmp_path: Path, text: str, capfd: pytest.CaptureFixture[str]) -> None:

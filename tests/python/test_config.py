@@ -171,3 +171,10 @@ def test_settings_reach_the_estimate() -> None:
     points = np.full((10, 3), np.nan)
     with pytest.raises(InvalidInputError, match="10 of 10"):
         sympose.estimate(points, config=Config(order=3, non_finite="error"))
+
+
+def test_numbers_of_another_kind_are_named_in_words() -> None:
+    with pytest.raises(InvalidInputError, match=r"threads: .* expected a whole number, 0 or more"):
+        Config(threads=-1)
+    with pytest.raises(InvalidInputError, match=r"voxel_size: .* expected a number"):
+        Config(voxel_size="large")

@@ -77,7 +77,7 @@ def test_a_plate_is_named_where_it_may_be_of_the_part() -> None:
         sympose.NoSymmetryError, match='what stands on the plate is the part, set ground = "on"'
     ):
         sympose.estimate(on_plate("pulley", 0.2).scene)
-    found = sympose.estimate(on_plate("sprocket_6", 0.2).scene)
+    found = sympose.estimate(on_plate("flange_8", 0.2).scene)
     assert found.score < 0.5
     assert any('set ground = "on"' in warning for warning in found.warnings)
 

@@ -33,3 +33,13 @@ def test_an_axis_between_two_like_parts_is_ambiguous(views: int, gap: float) -> 
     # One of them alone is no such case.
     alone = scan(datasets.part("propeller_2"), "sphere", views=views, seed=1)
     assert not any("set roi" in warning for warning in sympose.estimate(alone.scene).warnings)
+
+
+@pytest.mark.parametrize("order", [None, 5])
+def test_two_parts_far_from_each_other_are_said_to_be(order: int | None) -> None:
+    # As a mesh of that size, so that both are in the pictures.
+    both = scan(two_of("wheel_hub_5", 0.8).mesh, "alone", views=3, seed=1)
+    points, viewpoints = np.asarray(both.scene.points), both.scene.viewpoints
+    found = sympose.estimate(points, viewpoints=viewpoints, order=order)
+    assert found.score < 0.5
+    assert any("set roi" in warning for warning in found.warnings)

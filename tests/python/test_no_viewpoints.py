@@ -103,3 +103,16 @@ def test_an_axis_found_again_from_a_rough_start_is_no_other_axis() -> None:
     assert np.degrees(np.arccos(min(1.0, abs(found.axis @ once.axis)))) < 0.1
     assert found.score == pytest.approx(once.score, abs=0.05)
     assert not [warning for warning in found.warnings if "another axis" in warning]
+
+
+@pytest.mark.parametrize("order", [5, "continuous"])
+def test_a_piece_of_a_table_is_no_part(order: int | str) -> None:
+    random = np.random.default_rng(0)
+    across = random.uniform(-1.0, 1.0, (40_000, 2)) * [1.0, 0.6]
+    table = np.column_stack([across, random.normal(0.0, 0.001, len(across))])
+    found = sympose.estimate(table, order=order)
+    assert found.score < 0.5
+    assert any("lies in one plane" in warning for warning in found.warnings)
+    # A disc maps to itself.
+    disc = sympose.estimate(table[np.hypot(table[:, 0], table[:, 1]) < 0.6], order=order)
+    assert disc.score > 0.9

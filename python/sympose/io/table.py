@@ -76,6 +76,10 @@ def _write(path: Path, scene: Scene, delimiter: str, header_start: str) -> None:
         stream.writelines(delimiter.join(map(repr, row)) + "\n" for row in zip(*columns, strict=True))
 
 
+_UNIT_SEPARATOR = "\x1f"
+"""Of ASCII, for what no text holds."""
+
+
 class _Layout(NamedTuple):
     """How a table is written; without a delimiter its columns are parted by blanks."""
 
@@ -94,7 +98,8 @@ def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
     lines = [line.strip() for line in text.split("\n")]
     for k, line in enumerate(lines):
         comment = line.startswith(("#", "//"))
-        content = line.lstrip("#/ \t") if comment else line
+        # What follows a # in a row is a comment, as NumPy takes it.
+        content = line.lstrip("#/ \t") if comment else line.partition("#")[0].rstrip()
         if not content:
             continue
         delimiter = _delimiter(content)
@@ -102,7 +107,7 @@ def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
         named = names is not None and "points" in find_columns(names)
         if not comment and (named or _is_number(title[0].replace(",", "."))):
             delimiter = _delimiter(content, likely)
-            row = _without_open_end(_cells(content.partition("#")[0], delimiter), delimiter)
+            row = _without_open_end(_cells(content, delimiter), delimiter)
             return _Layout(names, delimiter, len(names or row), k + 1), lines[k:]
         if not comment or "points" in find_columns(title):
             if names is not None and not comment:
@@ -126,15 +131,16 @@ def _numbers(lines: list[str], layout: _Layout, used: Sequence[int], path: Path)
             source = "in the first row" if layout.names is None else "named by the header"
             raise InvalidInputError(f"{path}: line {number}: {width} columns, but {layout.width} {source}")
         rows.append(row)
+    delimiter = layout.delimiter
     if quoted:
-        # NumPy minds quotes, but not behind a blank.
-        cells = (_cells(row, layout.delimiter) for row in rows)
-        rows = [(layout.delimiter or " ").join(row[column] for column in used) for row in cells]
-        used = range(len(used))
+        # NumPy minds quotes, but not behind a blank. A cell may hold the delimiter, which makes it no number.
+        cells = (_cells(row, delimiter) for row in rows)
+        rows = [_UNIT_SEPARATOR.join(row[column] for column in used) for row in cells]
+        used, delimiter = range(len(used)), _UNIT_SEPARATOR
     if layout.delimiter == ";":
         rows = [row.replace(",", ".") for row in rows]
     try:
-        return np.loadtxt(rows, delimiter=layout.delimiter, usecols=used, comments=None, ndmin=2)
+        return np.loadtxt(rows, delimiter=delimiter, usecols=used, comments=None, ndmin=2)
     except ValueError as error:
         raise InvalidInputError(f"{path}: not a table of numbers: {error}") from error
 
