@@ -54,6 +54,12 @@ impl Control {
     }
 
     /// The clock started earlier, by this much: what was done before, such as reading a file, counts toward the deadline.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// let late = sympose::Control::new().with_timeout(Duration::from_secs(1)).with_elapsed(Duration::from_secs(2));
+    /// assert!(matches!(late.check(), Err(sympose::Error::DeadlineExceeded { .. })));
+    /// ```
     #[must_use]
     pub fn with_elapsed(mut self, elapsed: Duration) -> Self {
         self.started = self.started.checked_sub(elapsed).unwrap_or(self.started);

@@ -34,7 +34,7 @@ fn gcd(a: u32, b: u32) -> u32 {
 #[test]
 fn rotations_of_an_order_tell_it_from_all_its_parts() {
     for n in 2..=360 {
-        let generating = |half: u32| (1..=half).filter(|&k| gcd(k, n) == 1).count();
+        let generating = |count: u32| (1..=count).filter(|&k| gcd(k, n) == 1).count();
         for max in [1, 5, 12] {
             for (turns, count) in
                 [(Turns::half(Order::Cyclic(n), max), n / 2), (Turns::all(Order::Cyclic(n), max), n - 1)]

@@ -9,8 +9,8 @@ import sympose
 from sympose.datasets import part, scan
 
 
-def declared(name: str, order: int | str, views: int = 3) -> sympose.Estimate:
-    return sympose.estimate(scan(part(name), "sphere", views=views, seed=1).scene, order=order)
+def declared(name: str, order: int) -> sympose.Estimate:
+    return sympose.estimate(scan(part(name), "sphere", views=3, seed=1).scene, order=order)
 
 
 @pytest.mark.parametrize(

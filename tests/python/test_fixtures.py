@@ -39,7 +39,9 @@ def on_plate(name: str, thickness: float, scenario: str = "upper") -> Scan:
     return scan(whole, scenario, views=3, seed=1)
 
 
-@pytest.mark.parametrize(("name", "thickness"), [("propeller_3", 0.05), ("wheel_hub_5", 0.2)])
+@pytest.mark.parametrize(
+    ("name", "thickness"), [("propeller_3", 0.05), ("wheel_hub_5", 0.2), ("sprocket_6", 0.2)]
+)
 @pytest.mark.parametrize("ground", ["auto", "on"])
 def test_a_plate_under_a_part_is_left_out(name: str, thickness: float, ground: str) -> None:
     seen = on_plate(name, thickness)

@@ -89,3 +89,19 @@ def test_a_plate_without_a_recess_has_nothing_to_remark_on() -> None:
     found = sympose.estimate(scan(plate(recess=False), "sphere", views=5, seed=1).scene)
     assert found.order == 2
     assert not any("details" in warning for warning in found.warnings)
+
+
+def test_a_fan_whose_blades_meet_nothing_under_other_turns_is_found() -> None:
+    blade = (
+        manifold3d.Manifold.cube([0.33, 0.012, 0.22], True)
+        .rotate([60.0, 0.0, 0.0])
+        .translate([0.315, 0.0, 0.0])
+    )
+    fan = cylinder(0.2, 0.17, -0.1)
+    for k in range(11):
+        fan += blade.rotate([0.0, 0.0, 360.0 * k / 11])
+    scanned = scan(solid_part(fan, 11), "table", views=3, seed=2)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == 11
+    assert found.score > 0.5
+    assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
