@@ -11,7 +11,9 @@ use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
 use crate::refusal::Refusal;
-use crate::remarks::{Answer, LIKE_PIECES, PIECE_APART, Remarks, another_axis, closer_part_holds, remarks};
+use crate::remarks::{
+    APART, AS_WELL, Answer, LIKE_PIECES, PIECE_APART, Remarks, another_axis, closer_part_holds, remarks,
+};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
@@ -91,7 +93,7 @@ impl Estimator {
         }
         let Trials { mut held, refusal, .. } = trials;
         // Of equals the first one, which the search liked best.
-        held.sort_by(|a, b| b.worth.partial_cmp(&a.worth).unwrap_or(Ordering::Equal));
+        held.sort_by(|a, b| b.worth().partial_cmp(&a.worth()).unwrap_or(Ordering::Equal));
         let mut held = held.into_iter();
         let mut best = held.next().ok_or_else(|| self.no_symmetry(prepared, refusal))?;
         best.doubt_beside(held.as_slice());
@@ -148,7 +150,9 @@ impl Estimator {
             }
         }
         let score = self.score(prepared, &refined.axis, order);
-        let answer = Answer { declared, axis: &refined.axis, score: &score, detection: &detection, prepared };
+        let detect = &self.config().detect;
+        let axis = &refined.axis;
+        let answer = Answer { declared, axis, score: &score, detection: &detection, detect, prepared };
         let Remarks { warnings, ambiguous, doubted } = remarks(&answer, candidate, candidates);
         let trust = prepared.trust(&score);
         // Where an axis is not certain, one in another direction may be better; orders cannot be compared like that, the
@@ -159,8 +163,9 @@ impl Estimator {
         let group = if is_open && trust >= TRACKED { group_size(order) } else { 0 };
         Ok(Outcome::Held(Box::new(Held {
             settled: Settled { refined, order, score, detection, ambiguous, warnings },
+            is_allowed: !doubted,
+            group,
             trust,
-            worth: (!doubted, group, trust),
             is_certain: trust >= enough && !doubted && kept,
         })))
     }
@@ -316,26 +321,28 @@ enum Outcome {
 /// A refined axis with an order that holds.
 struct Held {
     settled: Settled,
+    /// Whether what the cameras saw allows the declared order about it.
+    is_allowed: bool,
+    /// Size of the group, where it was found and is to be trusted.
+    group: u32,
     /// How far its score is to be trusted.
     trust: f64,
-    /// Of several the one that is worth most is taken. Where much is hidden a wrong axis may be as good, but seldom allows the
-    /// declared order, too.
-    worth: (bool, u32, f64),
     /// Whether no other axis need be refined.
     is_certain: bool,
 }
 
 impl Held {
+    /// Of several the one that is worth most is taken. Where much is hidden a wrong axis may be as good, but seldom allows the
+    /// declared order, too.
+    fn worth(&self) -> (bool, u32, f64) {
+        (self.is_allowed, self.group, self.trust)
+    }
+
     /// Says so when one of the `others` explains the data about as well, now that all are refined.
     fn doubt_beside(&mut self, others: &[Self]) {
-        /// Angle between axes that are not the same \[rad\].
-        const APART: f64 = 0.17;
-        /// Share of the trust from which on another one is about as good.
-        const AS_WELL: f64 = 0.95;
         let away = |other: &Self| other.settled.refined.axis.angle_to(&self.settled.refined.axis);
-        let (doubted, group) = (self.worth.0, self.worth.1);
         let rival = others.iter().find(|other| {
-            (other.worth.0, other.worth.1) >= (doubted, group)
+            (other.is_allowed, other.group) >= (self.is_allowed, self.group)
                 && other.trust >= AS_WELL * self.trust
                 && away(other) > APART
         });

@@ -6,12 +6,23 @@ use crate::prepare::Prepared;
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::CloserPart;
 use crate::symmetry::details::Details;
-use crate::symmetry::detect::Detection;
+use crate::symmetry::detect::{DetectParams, Detection};
 use crate::symmetry::order::Order;
 use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::{EQUALLY_GOOD_SEVERAL, Found, group_size};
 use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::Spread;
+
+/// Angle between axes that are not the same \[rad\].
+pub(crate) const APART: f64 = 0.17;
+
+/// Another axis explains the data about as well from here on [score of the best one].
+pub(crate) const AS_WELL: f64 = 0.95;
+
+/// Share of the surface that turns take out of sight, from which on several views tell no more than one: all from above, of a part
+/// that lies on its side. About right axes of parts that something holds it is below 0.44, about wrong ones in scans of no part 0.5
+/// to 0.8.
+const MOSTLY_HIDDEN: f64 = 0.5;
 
 /// What is remarked on an answer.
 pub(crate) struct Remarks {
@@ -32,16 +43,15 @@ pub(crate) struct Answer<'a> {
     pub score: &'a MatchScore,
     /// The order found about it.
     pub detection: &'a Detection,
+    /// How it was found.
+    pub detect: &'a DetectParams,
     /// The part.
     pub prepared: &'a Prepared,
 }
 
 /// All that the caller should know about an `answer`, refined from the one `chosen` of the `candidates`.
 pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> Remarks {
-    /// Share of the surface that goes out of sight beyond which the rest tells too little for an order that it does not allow. About
-    /// right axes of parts that something holds it is below 0.44, about wrong ones in scans of no part 0.5 to 0.8.
-    const MOSTLY: f64 = 0.5;
-    let &Answer { declared, axis, score, detection, prepared } = answer;
+    let &Answer { declared, axis, score, detection, prepared, .. } = answer;
     let visibility = prepared.visibility.as_ref();
     let is_open = declared == Order::Auto;
     let unseen_half = answer.unseen_half();
@@ -52,13 +62,7 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
         .or_else(|| beyond_sight(&prepared.surface, score, visibility.is_some()))
         .or_else(|| ambiguous_half.map(UnseenHalf::remark));
     let doubted = !is_open && visibility.is_some() && !detection.allows(declared);
-    let misfits = doubted
-        && if prepared.one_view() {
-            !score.lacks_returns_only()
-        } else {
-            detection.contradicts(declared, score.explained()) || score.hidden_share() > MOSTLY
-        };
-    let ambiguous = ambiguity.is_some() || misfits;
+    let ambiguous = ambiguity.is_some() || (doubted && answer.is_ruled_out());
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if is_open {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
@@ -80,7 +84,7 @@ impl Answer<'_> {
 
     /// Says so when the order that was found may be another one.
     fn ambiguous_order(&self) -> Option<String> {
-        let &Self { declared, axis, score, detection, prepared } = self;
+        let &Self { declared, axis, score, detection, prepared, .. } = self;
         if declared != Order::Auto {
             return None;
         }
@@ -106,6 +110,16 @@ impl Answer<'_> {
         let several_views = self.prepared.visibility.as_ref().is_some_and(|v| v.views() > 1);
         UnseenHalf::found(self.detection, self.score)
             .filter(|_| self.declared == Order::Auto && several_views)
+    }
+
+    /// Whether what speaks against a declared order that is not allowed is more than a few details or lost returns.
+    fn is_ruled_out(&self) -> bool {
+        if self.prepared.one_view() {
+            return !self.score.lacks_returns_only();
+        }
+        let explained = self.score.explained();
+        self.detection.contradicts(self.declared, explained, self.detect)
+            || self.score.hidden_share() > MOSTLY_HIDDEN
     }
 
     fn likeness(&self) -> Likeness {
@@ -376,19 +390,15 @@ struct Likeness {
 
 impl Likeness {
     fn sought(declared: Order, one_view: bool, is_seen: bool, hidden: f64) -> Self {
-        const AS_WELL: f64 = 0.95;
         /// A wall seen from the side turns as well about its own edges. In 46 views of the faces of parts of an order above
         /// two no other axis came nearer than 0.72.
         const DECLARED: f64 = 0.8;
-        /// Share of the surface that goes out of sight, from which on several views tell no more than one: all from above, of a
-        /// part that lies on its side.
-        const MUCH: f64 = 0.5;
         /// A larger group hides more of itself, and matches less for that.
         const HIDING: f64 = 0.6;
         let [of_equals, of_larger] = match declared {
             Order::Auto if one_view => [AS_WELL, HIDING],
             Order::Auto if is_seen => [AS_WELL, EQUALLY_GOOD_SEVERAL],
-            Order::Cyclic(_) if one_view || hidden > MUCH => [DECLARED; 2],
+            Order::Cyclic(_) if one_view || hidden > MOSTLY_HIDDEN => [DECLARED; 2],
             _ => [AS_WELL; 2],
         };
         Self { of_equals, of_larger }
@@ -402,8 +412,6 @@ fn ambiguity_of_axes(
     candidates: &[Found],
     likeness: &Likeness,
 ) -> Option<String> {
-    /// Angle between axes that are not the same \[rad\].
-    const APART: f64 = 0.17;
     let size = |found: &Found| found.order.map_or(0, group_size);
     let score = |found: &Found| found.proposal.score.value();
     let is_apart = |found: &Found| found.proposal.axis.angle_to(axis) > APART;

@@ -9,6 +9,7 @@ pub(crate) fn even_sample(len: usize, wanted: usize, seed: u64) -> Vec<usize> {
     even_indices(len, wanted, &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
+/// [`even_sample`] with random numbers that go on.
 pub(crate) fn even_indices(len: usize, wanted: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     if len <= wanted {
         return (0..len).collect();

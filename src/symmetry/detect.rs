@@ -130,16 +130,16 @@ impl Detection {
     }
 
     /// Whether the discrete order that was found, nothing being as good, rules out a declared one, whose turns explain that much of
-    /// the observed surface. A multiple may hold but for a few details, as 10 spokes do about 5 holes; the turns of any other
-    /// order are those of another part.
+    /// the observed surface. A multiple may hold but for a few details, as 10 spokes do about 5 holes, and must explain as much as an
+    /// order that is found; the turns of any other order are those of another part.
     #[must_use]
-    pub fn contradicts(&self, order: Order, explained: f64) -> bool {
-        /// Share that a multiple must explain, as must an order that is found.
-        const LEAST: f64 = 0.97;
+    pub fn contradicts(&self, order: Order, explained: f64, params: &DetectParams) -> bool {
         let is_telling = self.rival.is_none() && !self.faint;
         match (order, self.order) {
             (Order::Cyclic(n), Some(Order::Cyclic(found))) => {
-                is_telling && !self.allows(order) && (!n.is_multiple_of(found) || explained < LEAST)
+                is_telling
+                    && !self.allows(order)
+                    && (!n.is_multiple_of(found) || explained < params.explained)
             }
             _ => false,
         }

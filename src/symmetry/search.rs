@@ -135,7 +135,8 @@ fn lead_by_normals(proposals: &mut Vec<Proposal>, surface: &Surface, context: &S
     }
 }
 
-/// Axes and orders, best first, from axes proposed under each of the `hypotheses`: of the axes that explain the data about equally well, the one with the largest group.
+/// Axes and orders, best first, from axes proposed under each of the `hypotheses`: of those that explain the data about equally
+/// well, the one with the largest group.
 ///
 /// A dihedral part has two-fold axes across its main one that match as well; the largest group tells them apart, and so does
 /// an order that follows from two of them.
