@@ -10,8 +10,15 @@ fn plate() -> Visibility {
     let at = |i: i32| f64::from(i) / 200.0;
     let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
     let points: Vec<Vector3<f64>> = lattice.filter(|p| p.x.abs() > 0.1 || p.y.abs() > 0.1).collect();
-    Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0, |_| true, &[])
-        .unwrap()
+    Visibility::new(
+        points.len(),
+        |i| points[i],
+        &[Vector3::new(0.0, 0.0, 2.0)],
+        |_| 0,
+        |_| Some(Vector3::z()),
+        &[],
+    )
+    .unwrap()
 }
 
 fn seen(place: [f64; 3], normal: Option<[f64; 3]>) -> Seen {
@@ -44,9 +51,15 @@ fn a_gap_in_a_narrow_bar_shows_though_the_view_is_mostly_empty() {
     let is_of_cross = |p: &Vector3<f64>| p.x.abs().min(p.y.abs()) < 0.02;
     let points: Vec<Vector3<f64>> =
         lattice.filter(is_of_cross).filter(|p| (p.x - 0.3).abs() > 0.03).collect();
-    let cross =
-        Visibility::new(points.len(), |i| points[i], &[Vector3::new(0.0, 0.0, 2.0)], |_| 0, |_| true, &[])
-            .unwrap();
+    let cross = Visibility::new(
+        points.len(),
+        |i| points[i],
+        &[Vector3::new(0.0, 0.0, 2.0)],
+        |_| 0,
+        |_| Some(Vector3::z()),
+        &[],
+    )
+    .unwrap();
     let look = |x: f64| cross.seen(&Vector3::new(x, 0.0, 0.0), None, 0.02, |_| false);
     assert_eq!(look(0.3), Seen::Missing);
     assert_eq!(look(0.2), Seen::Hidden, "it was measured");
@@ -61,7 +74,8 @@ fn halves(sees: [[bool; 2]; 2], pictures: &[Picture]) -> Visibility {
     let seen_from = |place: usize| lattice.iter().filter(move |p| sees[place][usize::from(p.x >= 0.0)]);
     let points: Vec<(usize, Vector3<f64>)> =
         [0, 1].into_iter().flat_map(|place| seen_from(place).map(move |p| (place, *p))).collect();
-    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| true, pictures).unwrap()
+    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| Some(Vector3::z()), pictures)
+        .unwrap()
 }
 
 #[test]
@@ -86,7 +100,8 @@ fn plate_with_lost_returns(lost: f64) -> Visibility {
     let kept = plate.iter().filter(|p| !is_lost(p));
     let points: Vec<(usize, Vector3<f64>)> =
         kept.map(|p| (0, *p)).chain(plate.iter().map(|p| (1, *p))).collect();
-    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| true, &[]).unwrap()
+    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| Some(Vector3::z()), &[])
+        .unwrap()
 }
 
 fn look(visibility: &Visibility, place: [f64; 3]) -> Seen {
@@ -147,4 +162,35 @@ fn a_picture_without_an_area_is_refused() {
     assert!(of([[0.5, -0.5], [-0.5, 0.5]]).is_err() && of([[f64::NAN, -0.5], [0.5, 0.5]]).is_err());
     let error = of([[0.0, 0.0], [0.0, 1.0]]).unwrap_err().to_string();
     assert!(error.contains("picture") && error.contains("corners"), "{error}");
+}
+
+/// A ball of radius 1 with a hole at its top, seen from far above by a sensor that gets returns where the cosine to the normal is
+/// at least `least`.
+fn ball(least: f64) -> Visibility {
+    let at = |i: i32| f64::from(i) / 200.0;
+    let lattice = (-200..200).flat_map(|i| (-200..200).map(move |j| (at(i), at(j))));
+    let points: Vec<Vector3<f64>> = lattice
+        .map(|(x, y)| (x, y, 1.0 - x * x - y * y))
+        .filter(|(x, y, z_sq)| *z_sq >= least * least && x.hypot(*y) > 0.05)
+        .map(|(x, y, z_sq)| Vector3::new(x, y, z_sq.sqrt()))
+        .collect();
+    let place = [Vector3::new(0.0, 0.0, 50.0)];
+    Visibility::new(points.len(), |i| points[i], &place, |_| 0, |i| Some(points[i]), &[]).unwrap()
+}
+
+#[test]
+fn a_surface_steeper_than_all_that_was_measured_may_be_anywhere() {
+    let tilted = |cosine: f64| Vector3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+    let seen = |ball: &Visibility, place: [f64; 3], cosine: f64| {
+        ball.seen(&Vector3::from(place), Some(&tilted(cosine)), 0.02, |_| false)
+    };
+    let (hole, above) = ([0.0, 0.0, 1.0], [0.3, 0.0, 1.3]);
+    let [sees_all, sees_half] = [0.01, 0.5].map(ball);
+    assert!((0.45..0.55).contains(&sees_half.grazing), "{}", sees_half.grazing);
+    for (place, said) in [(hole, Seen::Missing), (above, Seen::Free)] {
+        assert_eq!(seen(&sees_all, place, 0.8), said);
+        assert_eq!(seen(&sees_all, place, 0.4), said);
+        assert_eq!(seen(&sees_half, place, 0.8), said);
+        assert_eq!(seen(&sees_half, place, 0.4), Seen::Hidden);
+    }
 }

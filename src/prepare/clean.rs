@@ -6,6 +6,7 @@ use std::array;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::gaps::Gaps;
 use super::resolution::sparseness;
 use super::scene::{Scene, enough};
 use super::stacks::PIECE;
@@ -40,6 +41,8 @@ pub(super) struct Cleaned {
     pub(super) neighbors: KNeighbors,
     /// Normal of the plane through them.
     pub(super) normals: Vec<[f64; 3]>,
+    /// Spacing of the points of the surface \[length\]: the edge of a voxel, more where these lie in lines far apart.
+    pub(super) spacing: f64,
     /// How far apart the voxels lie, at least 1 [their distance where every voxel of the surface has a point].
     pub(super) sparseness: f64,
     /// Whether noise asks for planes of more neighbours than usual.
@@ -79,13 +82,26 @@ pub(super) fn clean(
         least
     };
     stages.number("plane_neighbors", k as f64);
-    let neighbors = KNeighbors::new(&tree, &grid.points, k.max(params.k))?;
+    let mut neighbors = KNeighbors::new(&tree, &grid.points, k.max(params.k))?;
     stages.check()?;
-    let planes =
-        normals_from_neighbors(&grid.points, &neighbors, &NormalParams { k, ..config.normals.clone() })?;
+    let planes_of = |neighbors: &KNeighbors, k: usize| {
+        normals_from_neighbors(&grid.points, neighbors, &NormalParams { k, ..config.normals.clone() })
+    };
+    let mut planes = planes_of(&neighbors, k)?;
     stages.check()?;
+    let gaps_by = |planes: &Normals| Gaps::between(&grid.points, &planes.normals, &tree, *voxel_size);
+    let mut gaps = gaps_by(&planes);
+    if let Some(rough) = gaps {
+        // Points of one line have no plane.
+        let across = rough.neighbors_across().max(k);
+        neighbors = KNeighbors::new(&tree, &grid.points, across.max(params.k))?;
+        planes = planes_of(&neighbors, across)?;
+        gaps = gaps_by(&planes);
+    }
+    let spacing = gaps.map_or(*voxel_size, Gaps::spacing);
+    stages.number("spacing", spacing);
     let on_surface = on_surfaces(&neighbors, &planes, oriented, *voxel_size, &params)?;
-    let visibility = part.sight(region, grid, &on_surface);
+    let visibility = part.sight(region, grid, &on_surface, &planes.normals);
     stages.check()?;
     // What stands apart on a support is left out already.
     let cluster_ratio = match region {
@@ -97,7 +113,15 @@ pub(super) fn clean(
     stages.number("surface_points", kept.len() as f64);
     enough("outliers", kept.len())?;
     let sparseness = sparseness(&neighbors, *voxel_size);
-    Ok(Cleaned { neighbors, normals: planes.normals, sparseness, noisy: k > least, visibility, kept })
+    Ok(Cleaned {
+        neighbors,
+        normals: planes.normals,
+        spacing,
+        sparseness,
+        noisy: k > least,
+        visibility,
+        kept,
+    })
 }
 
 /// Neighbours that reach as far, where the layers of a surface are joined, as `k` of them otherwise.

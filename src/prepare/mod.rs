@@ -2,6 +2,7 @@
 
 mod clean;
 mod cut_out;
+mod gaps;
 mod patches;
 mod resolution;
 mod scene;
@@ -113,10 +114,10 @@ pub(crate) fn prepare(
 
     stages.begin("normals")?;
     let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
-    let widest_gate = f64::max(config.propose.gate * diameter, config.refine.first_gate(voxel_size));
+    let widest_gate = f64::max(config.propose.gate * diameter, config.refine.first_gate(cleaned.spacing));
     // None keeps both threads of a small machine busy.
     let (mut surface, (looks, (inliers, point_of_inlier))) = rayon::join(
-        || patches.surface(voxel_size, widest_gate),
+        || patches.surface(cleaned.spacing, widest_gate),
         || rayon::join(|| patches.looks(&part), || patches.inliers(&part)),
     );
     let view_errors = looks.map(|looks| ViewErrors::measure(looks, &surface));

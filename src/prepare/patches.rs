@@ -143,8 +143,8 @@ impl Patches {
         self.pick(self.measured.as_ref().unwrap_or(&self.sides.points))
     }
 
-    /// The surface, with tables that serve gates up to `widest_gate`.
-    pub(super) fn surface(&self, voxel_size: f64, widest_gate: f64) -> Surface {
+    /// The surface, whose points are `spacing` apart, with tables that serve gates up to `widest_gate` \[length\].
+    pub(super) fn surface(&self, spacing: f64, widest_gate: f64) -> Surface {
         let mut samples =
             Samples { points: self.pick(&self.sides.points), normals: self.pick(&self.sides.normals) };
         let mut heights: Vec<f64> =
@@ -154,7 +154,7 @@ impl Patches {
             let Samples { points, normals } = &mut samples;
             points.iter_mut().zip(normals).zip(heights.drain(..)).for_each(|((p, n), h)| *p += *n * h);
         }
-        let mut surface = Surface::new(samples, self.oriented, voxel_size, widest_gate);
+        let mut surface = Surface::new(samples, self.oriented, spacing, widest_gate);
         surface.heights = heights;
         surface
     }

@@ -23,6 +23,9 @@ use crate::viewpoints::join_places;
 /// Fewest points of a surface in which an axis is looked for.
 const MIN_POINTS: usize = 50;
 
+/// No voxel of the part.
+const NONE: u32 = u32::MAX;
+
 /// The points within the region of interest, in a frame that turns with them.
 pub(super) struct Scene<'a> {
     cloud: &'a PointCloud,
@@ -164,20 +167,21 @@ impl<'a> Scene<'a> {
 
     /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part
     /// where it is `None`, but not to those of the part whose voxel is none of `on_surface`: strays would hide the empty
-    /// space behind them. `None` without viewpoints.
+    /// space behind them. `normals` are those of the voxels. `None` without viewpoints.
     pub(super) fn sight(
         &self,
         region: Option<&[u32]>,
         grid: &VoxelGrid,
         on_surface: &[u32],
+        normals: &[[f64; 3]],
     ) -> Option<Visibility> {
         if !self.cloud.has_viewpoints() {
             return None;
         }
         let mut is_stray = vec![true; grid.points.len()];
         on_surface.iter().for_each(|&voxel| is_stray[voxel as usize] = false);
-        // For each row of the cloud; empty where there is no region beyond the part.
-        let mut is_of_part = Vec::new();
+        // For each row of the cloud its voxel, [`NONE`] where that is not of the part; empty where there is no region beyond it.
+        let mut voxel_of_row = Vec::new();
         // Indices of what is left: points of the part, or rows of the cloud; a copy of the points would be the larger half
         // of all memory.
         let left: Vec<u32> = match region {
@@ -187,10 +191,10 @@ impl<'a> Scene<'a> {
             }
             Some(region) => {
                 let mut is_left_out = vec![false; self.cloud.len()];
-                is_of_part = is_left_out.clone();
+                voxel_of_row = vec![NONE; self.cloud.len()];
                 for (&row, &voxel) in self.rows.iter().zip(&grid.inverse) {
                     is_left_out[row as usize] = is_stray[voxel as usize];
-                    is_of_part[row as usize] = !is_stray[voxel as usize];
+                    voxel_of_row[row as usize] = if is_stray[voxel as usize] { NONE } else { voxel };
                 }
                 region.iter().copied().filter(|&row| !is_left_out[row as usize]).collect()
             }
@@ -201,8 +205,14 @@ impl<'a> Scene<'a> {
         };
         let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
         let place_of = |i: usize| self.place_of_row(row(i) as usize);
-        let is_of_part = |i: usize| is_of_part.is_empty() || is_of_part[left[i] as usize];
-        Visibility::new(left.len(), point, &self.places, place_of, is_of_part, &self.pictures())
+        let normal_of = |i: usize| {
+            let voxel = match region {
+                None => grid.inverse[left[i] as usize],
+                Some(_) => voxel_of_row[left[i] as usize],
+            };
+            (voxel != NONE).then(|| normals[voxel as usize].into())
+        };
+        Visibility::new(left.len(), point, &self.places, place_of, normal_of, &self.pictures())
     }
 
     /// The fields of view of the cameras, in the frame of the points.

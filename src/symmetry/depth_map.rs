@@ -124,6 +124,8 @@ pub(crate) struct DepthMap {
     camera_from_world: Matrix3<f64>,
     pub(crate) grid: Grid,
     cells: Vec<Cell>,
+    /// Whether the points lie in a strip, as those of a sensor that measures line by line do.
+    pub(crate) is_strip: bool,
     /// What is known of directions beside the points.
     pub(crate) surroundings: Surroundings,
 }
@@ -135,7 +137,7 @@ impl DepthMap {
         indices: &[u32],
         points_per_cell: PointsPerCell,
     ) -> Option<Self> {
-        let (camera_from_world, returns) = looked_at(center, point_of, indices)?;
+        let Look { camera_from_world, is_strip, returns } = Look::from(center, point_of, indices)?;
         let count: usize = returns.iter().map(Vec::len).sum();
         let places = || returns.iter().flatten().map(|(uv, _)| *uv);
         let grid = Grid::over(places, count, points_per_cell)?;
@@ -145,7 +147,8 @@ impl DepthMap {
             *slot = slot.min(*range);
         }
         let cells = with_neighbors(&nearest, grid.size[0]);
-        Some(Self { center: *center, camera_from_world, grid, cells, surroundings: Surroundings::Unknown })
+        let surroundings = Surroundings::Unknown;
+        Some(Self { center: *center, camera_from_world, grid, cells, is_strip, surroundings })
     }
 
     /// Directions that none of the `pictures` from here shows: nothing is known about any place there, where the frame cuts
@@ -258,43 +261,56 @@ impl DepthMap {
 /// Slopes against the middle of a view in which a return came, and how far away it was \[length\].
 type Return = ([f64; 2], f32);
 
-/// The rotation into the frame of a camera at `center` that looks at the middle of the points with some indices, with a strip of
-/// them along one of its axes; and what it saw of them, in chunks. `None` where they lie all around it.
-fn looked_at(
-    center: &Vector3<f64>,
-    point_of: impl Fn(usize) -> Vector3<f64> + Sync,
-    indices: &[u32],
-) -> Option<(Matrix3<f64>, Vec<Vec<Return>>)> {
-    /// Points in a unit of parallel work.
-    const CHUNK: usize = 4096;
-    let ray = |i: &u32| point_of(*i as usize) - center;
-    let toward = |chunk: &[u32]| -> Vector3<f64> {
-        chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
-    };
-    let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
-    let toward = middle.try_normalize(1e-9)?;
-    let up = Vector3::ith(toward.iamin(), 1.0);
-    let camera_from_world = Rotation3::look_at_lh(&toward, &up);
-    let limit = MAX_OFF_AXIS.tan();
-    let return_of = |ray: Vector3<f64>| -> Option<Return> {
-        let local = camera_from_world * ray;
-        if local.z <= 0.0 {
-            return None;
-        }
-        let uv = [local.x / local.z, local.y / local.z];
-        (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
-    };
-    let mut returns: Vec<Vec<Return>> = indices
-        .par_chunks(CHUNK)
-        .map(|chunk| chunk.iter().map(ray).filter_map(return_of).collect())
-        .collect();
-    let Some(roll) = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv)) else {
-        return Some((camera_from_world.into_inner(), returns));
-    };
-    let turn = Rotation2::new(-roll);
-    returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
-    let rolled = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
-    Some((rolled.into_inner(), returns))
+/// What a camera saw, in its own frame: it looks at the middle of the points, with a strip of them along one of its axes.
+struct Look {
+    camera_from_world: Matrix3<f64>,
+    is_strip: bool,
+    /// In chunks.
+    returns: Vec<Vec<Return>>,
+}
+
+impl Look {
+    /// Looks from `center` at the points with some indices; `None` where they lie all around it.
+    fn from(
+        center: &Vector3<f64>,
+        point_of: impl Fn(usize) -> Vector3<f64> + Sync,
+        indices: &[u32],
+    ) -> Option<Self> {
+        /// Points in a unit of parallel work.
+        const CHUNK: usize = 4096;
+        let ray = |i: &u32| point_of(*i as usize) - center;
+        let toward = |chunk: &[u32]| -> Vector3<f64> {
+            chunk.iter().map(ray).filter_map(|ray| ray.try_normalize(0.0)).sum()
+        };
+        let middle: Vector3<f64> = indices.par_chunks(CHUNK).map(toward).collect::<Vec<_>>().iter().sum();
+        let toward = middle.try_normalize(1e-9)?;
+        let up = Vector3::ith(toward.iamin(), 1.0);
+        let camera_from_world = Rotation3::look_at_lh(&toward, &up);
+        let limit = MAX_OFF_AXIS.tan();
+        let return_of = |ray: Vector3<f64>| -> Option<Return> {
+            let local = camera_from_world * ray;
+            if local.z <= 0.0 {
+                return None;
+            }
+            let uv = [local.x / local.z, local.y / local.z];
+            (uv[0].abs() < limit && uv[1].abs() < limit).then(|| (uv, local.norm() as f32))
+        };
+        let mut returns: Vec<Vec<Return>> = indices
+            .par_chunks(CHUNK)
+            .map(|chunk| chunk.iter().map(ray).filter_map(return_of).collect())
+            .collect();
+        let Some(roll) = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv)) else {
+            return Some(Self {
+                camera_from_world: camera_from_world.into_inner(),
+                is_strip: false,
+                returns,
+            });
+        };
+        let turn = Rotation2::new(-roll);
+        returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
+        let rolled = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
+        Some(Self { camera_from_world: rolled.into_inner(), is_strip: true, returns })
+    }
 }
 
 /// Angle of a picture that is a strip, as one of a sensor that measures line by line is, from the first axis \[rad\]; `None`

@@ -11,8 +11,11 @@ pub use crate::symmetry::depth_map::Seen;
 use crate::symmetry::depth_map::{DepthMap, PointsPerCell, Surroundings};
 use crate::viewpoints::NEAR;
 
-/// Views beyond this number add little evidence and cost time; the ones with most points are kept.
+/// Views beyond this number add little evidence and cost time, unless they are strips; the ones with most points are kept.
 const MAX_VIEWS: usize = 16;
+
+/// Strips that are kept: each shows a piece of the part that no other one does.
+const MAX_STRIPS: usize = 256;
 
 /// Points in a cell, so that one without return is a true gap; small, so that holes in the part show.
 const POINTS_PER_CELL: PointsPerCell = PointsPerCell { of_square: 2.0, filled: 4.0 };
@@ -42,6 +45,12 @@ const STRIPS: f64 = 0.1;
 /// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
 
+/// The same of a sensor that gets no return from less steep surfaces either, at most: a flat part from the front shows none.
+const STEEPEST: f64 = 0.6;
+
+/// Share of the points of the part that may be measured at a grazing angle: those at edges, whose normals are rough.
+const GRAZED: f64 = 0.01;
+
 /// Depth maps of the views, rebuilt from the points and their viewpoints.
 #[derive(Debug, Clone)]
 pub struct Visibility {
@@ -53,6 +62,8 @@ pub struct Visibility {
     pub dropout: f64,
     /// Whether a gap of a few points shows: not where returns are lost.
     pub shows_details: bool,
+    /// Cosine between the normal of a surface and the direction to a camera below which a missing return says nothing.
+    pub grazing: f64,
     /// Whether the only view is taken to lose returns in patches, as from shiny metal, which no other view can tell.
     pub is_patchy: bool,
 }
@@ -60,15 +71,15 @@ pub struct Visibility {
 impl Visibility {
     /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for,
     /// each seen from the one of `places` that `place_of` numbers. `None` where there is no view with enough points. Whether
-    /// returns are lost is judged by the points that `is_of_part` tells: the support reaches beyond the picture of a camera.
-    /// `pictures` are those that are known.
+    /// returns are lost, and at which angles, is judged by the points of the part, of which `normal_of` gives the normals: the
+    /// support reaches beyond the picture of a camera. `pictures` are those that are known.
     #[must_use]
     pub fn new(
         count: usize,
         point_of: impl Fn(usize) -> Vector3<f64> + Sync,
         places: &[Vector3<f64>],
         place_of: impl Fn(usize) -> usize,
-        is_of_part: impl Fn(usize) -> bool,
+        normal_of: impl Fn(usize) -> Option<Vector3<f64>>,
         pictures: &[Picture],
     ) -> Option<Self> {
         let mut members: Vec<(&Vector3<f64>, Vec<u32>)> = places.iter().map(|p| (p, Vec::new())).collect();
@@ -76,28 +87,29 @@ impl Visibility {
             members[place_of(i)].1.push(i as u32);
         }
         members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
-        members.truncate(MAX_VIEWS);
-        let own = || (0..count).filter(|&i| is_of_part(i));
+        members.truncate(MAX_STRIPS);
+        let own = || (0..count).filter_map(|i| Some((i, normal_of(i)?)));
         let step = own().count().div_ceil(LOOKED_AT).max(1);
-        let part: Vec<[Vector3<f64>; 2]> =
-            own().step_by(step).map(|i| [point_of(i), places[place_of(i)]]).collect();
+        let seen = |(i, normal)| Measured { point: point_of(i), normal, place: places[place_of(i)] };
+        let part: Vec<Measured> = own().step_by(step).map(seen).collect();
         let maps = |points_per_cell: PointsPerCell| -> Vec<DepthMap> {
-            let map = |(center, indices): &(&Vector3<f64>, Vec<u32>)| {
+            let map = |(rank, (center, indices)): (usize, &(&Vector3<f64>, Vec<u32>))| {
                 let mut map = DepthMap::new(center, &point_of, indices, points_per_cell)?;
                 map.hide_beyond(&pictures_from(center, &part, pictures));
-                Some(map)
+                (rank < MAX_VIEWS || map.is_strip).then_some(map)
             };
-            members.par_iter().filter_map(map).collect()
+            members.par_iter().enumerate().filter_map(map).collect()
         };
         let mut views = maps(POINTS_PER_CELL);
         if views.is_empty() {
             return None;
         }
-        let is_lossy = loss_ratio(&views, &part) >= NO_LOSS;
+        let grazing = grazing(&part);
+        let is_lossy = loss_ratio(&views, &part, grazing) >= NO_LOSS;
         let mut dropout = 0.0;
         if is_lossy {
             views = maps(LOSSY_POINTS_PER_CELL);
-            let lost = loss_ratio(&views, &part);
+            let lost = loss_ratio(&views, &part, grazing);
             dropout = if lost > EDGES { lost } else { 0.0 };
         }
         views.par_iter_mut().for_each(|view| {
@@ -106,7 +118,7 @@ impl Visibility {
             }
             view.surroundings = surroundings(view, &part, pictures);
         });
-        Some(Self { views, support: None, dropout, shows_details: !is_lossy, is_patchy: false })
+        Some(Self { views, support: None, dropout, shows_details: !is_lossy, grazing, is_patchy: false })
     }
 
     /// Takes all that lies more than `depth` \[length\] below a plane, which has its normal up, for empty: the part stands
@@ -131,9 +143,9 @@ impl Visibility {
 
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
-    /// grazing angle, and where many are lost nothing unless another camera misses it, too. Where returns of a camera
-    /// may be lost, as `is_barred` says given its place, a missing one says nothing either, and one beside a missing one
-    /// proves nothing free. What lies below the support is free.
+    /// grazing angle, and where many are lost nothing unless another camera misses it, too. Of surfaces steeper than all that was
+    /// measured a return from behind says nothing either. Where returns of a camera may be lost, as `is_barred` says given its
+    /// place, a missing one says nothing, and one beside a missing one proves nothing free. What lies below the support is free.
     #[must_use]
     pub fn seen(
         &self,
@@ -146,16 +158,18 @@ impl Visibility {
             return Seen::Free;
         }
         let is_grazed_from = |center: &Vector3<f64>| {
-            let toward = center - point;
-            normal
-                .is_some_and(|normal| normal.dot(&toward).powi(2) < GRAZING * GRAZING * toward.norm_squared())
+            normal.is_some_and(|normal| is_grazed(normal, &(center - point), self.grazing))
         };
+        // A ray that should have met a steep surface is then measured where it meets what lies beside that.
+        let loses_steep = self.grazing > GRAZING;
         let mut missing = 0;
         for view in &self.views {
             let (seen, beside_missing) = view.seen(point, margin);
             let is_told = || !(beside_missing && is_barred(&view.center));
             match seen {
-                Seen::Free if is_told() => return Seen::Free,
+                Seen::Free if is_told() && !(loses_steep && is_grazed_from(&view.center)) => {
+                    return Seen::Free;
+                }
                 Seen::Missing if is_told() && !is_grazed_from(&view.center) => missing += 1,
                 _ => {}
             }
@@ -165,20 +179,51 @@ impl Visibility {
     }
 }
 
-/// Returns that are missing for each that came, over some of the points of the part, each with the place that it was seen
-/// from, and all other views.
+/// A point of the part.
+struct Measured {
+    point: Vector3<f64>,
+    normal: Vector3<f64>,
+    /// That it was seen from.
+    place: Vector3<f64>,
+}
+
+/// Whether the cosine between a unit normal and the direction `toward` a camera is below that of a `grazing` angle.
+fn is_grazed(normal: &Vector3<f64>, toward: &Vector3<f64>, grazing: f64) -> bool {
+    normal.dot(toward).powi(2) < grazing * grazing * toward.norm_squared()
+}
+
+/// The cosine below which hardly anything was measured of the part.
+fn grazing(part: &[Measured]) -> f64 {
+    let cosine = |seen: &Measured| {
+        let toward = seen.place - seen.point;
+        seen.normal.dot(&toward).abs() / toward.norm().max(f64::MIN_POSITIVE)
+    };
+    let mut cosines: Vec<f64> = part.iter().map(cosine).collect();
+    if cosines.is_empty() {
+        return GRAZING;
+    }
+    let few = (GRAZED * cosines.len() as f64) as usize;
+    let least = *cosines.select_nth_unstable_by(few, f64::total_cmp).1;
+    if least <= STEEPEST { least.max(GRAZING) } else { GRAZING }
+}
+
+/// Returns that are missing for each that came, over some of the points of the part and all views that did not measure them.
 ///
 /// Views from nearly the same place are strips of one: what is missing in one of them is in the next.
-fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
+fn loss_ratio(views: &[DepthMap], part: &[Measured], grazing: f64) -> f64 {
     let (mut missing, mut came) = (0.0, 0.0);
-    for ([point, place], view) in part.iter().flat_map(|p| views.iter().map(move |v| (p, v))) {
+    for (Measured { point, normal, place }, view) in
+        part.iter().flat_map(|p| views.iter().map(move |v| (p, v)))
+    {
         let range = (point - view.center).norm();
         if (view.center - place).norm() < STRIPS * range {
             continue;
         }
         let margin = 3.0 * range / view.grid.cells_per_slope;
         match view.at(point) {
-            Some(cell) if cell.nearest.is_infinite() => missing += 1.0,
+            Some(cell) if cell.nearest.is_infinite() => {
+                missing += f64::from(u8::from(!is_grazed(normal, &(view.center - point), grazing)));
+            }
             Some(cell) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,
             _ => {}
         }
@@ -189,13 +234,9 @@ fn loss_ratio(views: &[DepthMap], part: &[[Vector3<f64>; 2]]) -> f64 {
 }
 
 /// The pictures that were taken from the place of a view, the nearest one first.
-fn pictures_from<'a>(
-    center: &Vector3<f64>,
-    part: &[[Vector3<f64>; 2]],
-    pictures: &'a [Picture],
-) -> Vec<&'a Picture> {
+fn pictures_from<'a>(center: &Vector3<f64>, part: &[Measured], pictures: &'a [Picture]) -> Vec<&'a Picture> {
     let away = |picture: &Picture| (picture.center() - center).norm();
-    let range = part.first().map_or(0.0, |[point, _]| (point - center).norm());
+    let range = part.first().map_or(0.0, |seen| (seen.point - center).norm());
     let mut from: Vec<&Picture> = pictures.iter().filter(|picture| away(picture) <= NEAR * range).collect();
     from.sort_by(|a, b| away(a).total_cmp(&away(b)));
     from
@@ -204,10 +245,11 @@ fn pictures_from<'a>(
 /// What a view says about directions beside its points. Where all that other views measured of the part, and that its
 /// picture would have shown, lies among its points, these were not cut off by anything: it saw nothing beside them. With
 /// neither another view nor a known picture nothing tells.
-fn surroundings(view: &DepthMap, part: &[[Vector3<f64>; 2]], pictures: &[Picture]) -> Surroundings {
+fn surroundings(view: &DepthMap, part: &[Measured], pictures: &[Picture]) -> Surroundings {
     /// Share of these points that may be strays: a rim that a view lost at its edge is more.
     const STRAYS: f64 = 0.0005;
-    let others: Vec<&Vector3<f64>> = part.iter().filter(|p| p[1] != view.center).map(|p| &p[0]).collect();
+    let others: Vec<&Vector3<f64>> =
+        part.iter().filter(|seen| seen.place != view.center).map(|seen| &seen.point).collect();
     let picture = pictures_from(&view.center, part, pictures).into_iter().next();
     let is_shown = |point: &Vector3<f64>| picture.is_none_or(|picture| picture.shows(point));
     let beside = others.iter().filter(|point| view.is_outside(point) && is_shown(point)).count();
