@@ -89,16 +89,18 @@ pub(super) fn clean(
     };
     let mut planes = planes_of(&neighbors, k)?;
     stages.check()?;
-    let gaps_by = |planes: &Normals| Gaps::between(&grid.points, &planes.normals, &tree, *voxel_size);
-    let mut gaps = gaps_by(&planes);
-    if let Some(rough) = gaps {
+    let mut spacing = *voxel_size;
+    let gaps = |planes: &Normals| Gaps::between(&grid.points, &planes.normals, &tree, *voxel_size);
+    if let Some(rough) = gaps(&planes) {
         // Points of one line have no plane.
         let across = rough.neighbors_across().max(k);
-        neighbors = KNeighbors::new(&tree, &grid.points, across.max(params.k))?;
-        planes = planes_of(&neighbors, across)?;
-        gaps = gaps_by(&planes);
+        let wide = KNeighbors::new(&tree, &grid.points, across.max(params.k))?;
+        let planes_across = planes_of(&wide, across)?;
+        if let Some(gaps) = gaps(&planes_across).filter(|gaps| gaps.show(diameter)) {
+            (neighbors, planes, spacing) = (wide, planes_across, gaps.spacing());
+        }
+        stages.check()?;
     }
-    let spacing = gaps.map_or(*voxel_size, Gaps::spacing);
     stages.number("spacing", spacing);
     let on_surface = on_surfaces(&neighbors, &planes, oriented, *voxel_size, &params)?;
     let visibility = part.sight(region, grid, &on_surface, &planes.normals);

@@ -7,9 +7,6 @@ use crate::directions::tangents;
 use crate::median::median;
 use crate::spatial::KdTree;
 
-/// Width of a gap from which on points lie in lines [distance of the points in a line]: on a surface that they fill it is below 2.
-const LEAST: f64 = 4.0;
-
 /// Gaps between the lines in which the points of a surface lie.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gaps {
@@ -32,6 +29,9 @@ impl Gaps {
         tree: &KdTree,
         along: f64,
     ) -> Option<Self> {
+        /// Width of a gap from which on points lie in lines [distance of the points in a line]: it is measured as below 2 on a
+        /// surface that they fill evenly, and below 5.7 where they lie on it at random.
+        const LEAST: f64 = 6.0;
         /// Points beside which places are looked at.
         const LOOKED_AT: usize = 1000;
         /// How far beside, at first, and how often twice as far \[distance of the points in a line\].
@@ -63,6 +63,13 @@ impl Gaps {
         (width > LEAST * along).then_some(Self { width, along })
     }
 
+    /// Whether these are lines of a scan of a part: where gaps are wider, as between the corners of a mesh, nothing shows it.
+    pub(super) fn show(self, diameter: f64) -> bool {
+        /// Width of a gap, at most [diameters].
+        const MOST: f64 = 0.1;
+        self.width < MOST * diameter
+    }
+
     /// Neighbours of a point on its own line and on the two next to it.
     pub(super) fn neighbors_across(self) -> usize {
         /// How far they reach \[gaps\].
@@ -74,9 +81,9 @@ impl Gaps {
         count.min(MOST).ceil() as usize
     }
 
-    /// Spacing of points that fill a surface as far apart from each other as these: half a gap is twice as far.
+    /// Spacing at which a match may be half a gap away: nearly twice as far.
     pub(super) fn spacing(self) -> f64 {
-        self.width / LEAST
+        self.width / 4.0
     }
 }
 
