@@ -96,7 +96,7 @@ pub(super) fn clean(
         let across = rough.neighbors_across().max(k);
         let wide = KNeighbors::new(&tree, &grid.points, across.max(params.k))?;
         let planes_across = planes_of(&wide, across)?;
-        if let Some(gaps) = gaps(&planes_across).filter(|gaps| gaps.show(diameter)) {
+        if let Some(gaps) = gaps(&planes_across).filter(|gaps| gaps.are_narrow(diameter)) {
             (neighbors, planes, spacing) = (wide, planes_across, gaps.spacing());
         }
         stages.check()?;

@@ -63,8 +63,8 @@ impl Gaps {
         (width > LEAST * along).then_some(Self { width, along })
     }
 
-    /// Whether these are lines of a scan of a part: where gaps are wider, as between the corners of a mesh, nothing shows it.
-    pub(super) fn show(self, diameter: f64) -> bool {
+    /// Whether they are narrow enough to show a part between them, unlike those between the corners of a mesh.
+    pub(super) fn are_narrow(self, diameter: f64) -> bool {
         /// Width of a gap, at most [diameters].
         const MOST: f64 = 0.1;
         self.width < MOST * diameter
