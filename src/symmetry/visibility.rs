@@ -48,6 +48,10 @@ const GRAZING: f64 = 0.26;
 /// The same of a sensor that gets no return from less steep surfaces either, at most: a flat part from the front shows none.
 const STEEPEST: f64 = 0.6;
 
+/// Between that and the cosine below which a tenth of the points was measured, at most: what a sensor cuts off is cut off sharply,
+/// while few steep places on a flat part are its details.
+const SHARP: f64 = 0.15;
+
 /// Share of the points of the part that may be measured at a grazing angle: those at edges, whose normals are rough.
 const GRAZED: f64 = 0.01;
 
@@ -202,9 +206,12 @@ fn grazing(part: &[Measured]) -> f64 {
     if cosines.is_empty() {
         return GRAZING;
     }
-    let few = (GRAZED * cosines.len() as f64) as usize;
-    let least = *cosines.select_nth_unstable_by(few, f64::total_cmp).1;
-    if least <= STEEPEST { least.max(GRAZING) } else { GRAZING }
+    let mut lowest = |share: f64| {
+        let few = (share * cosines.len() as f64) as usize;
+        *cosines.select_nth_unstable_by(few, f64::total_cmp).1
+    };
+    let (least, low) = (lowest(GRAZED), lowest(0.1));
+    if least <= STEEPEST && low - least <= SHARP { least.max(GRAZING) } else { GRAZING }
 }
 
 /// Returns that are missing for each that came, over some of the points of the part and all views that did not measure them.
