@@ -5,20 +5,27 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use sympose::Picture;
 use sympose::symmetry::visibility::{Seen, Visibility};
 
+/// Points of a square of side 1 at z = 0.
+fn square() -> impl Iterator<Item = Vector3<f64>> {
+    let at = |i: i32| f64::from(i) / 200.0;
+    (-100..100).flat_map(move |i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)))
+}
+
+/// What views of level points see, each of which comes with the number of the place that it was seen from.
+fn views(points: &[(usize, Vector3<f64>)], places: &[Vector3<f64>], pictures: &[Picture]) -> Visibility {
+    let up = |_| Some(Vector3::z());
+    Visibility::new(points.len(), |i| points[i].1, places, |i| points[i].0, up, pictures).unwrap()
+}
+
+/// What one view from above sees of level points.
+fn view_from_above(points: impl Iterator<Item = Vector3<f64>>) -> Visibility {
+    let points: Vec<(usize, Vector3<f64>)> = points.map(|p| (0, p)).collect();
+    views(&points, &[Vector3::new(0.0, 0.0, 2.0)], &[])
+}
+
 /// A square plate of side 1 at z = 0 with a hole of side 0.2 in its middle, seen from above.
 fn plate() -> Visibility {
-    let at = |i: i32| f64::from(i) / 200.0;
-    let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
-    let points: Vec<Vector3<f64>> = lattice.filter(|p| p.x.abs() > 0.1 || p.y.abs() > 0.1).collect();
-    Visibility::new(
-        points.len(),
-        |i| points[i],
-        &[Vector3::new(0.0, 0.0, 2.0)],
-        |_| 0,
-        |_| Some(Vector3::z()),
-        &[],
-    )
-    .unwrap()
+    view_from_above(square().filter(|p| p.x.abs() > 0.1 || p.y.abs() > 0.1))
 }
 
 fn seen(place: [f64; 3], normal: Option<[f64; 3]>) -> Seen {
@@ -46,20 +53,8 @@ fn a_return_is_missing_in_a_hole_but_not_from_a_surface_at_a_grazing_angle() {
 
 #[test]
 fn a_gap_in_a_narrow_bar_shows_though_the_view_is_mostly_empty() {
-    let at = |i: i32| f64::from(i) / 200.0;
-    let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
     let is_of_cross = |p: &Vector3<f64>| p.x.abs().min(p.y.abs()) < 0.02;
-    let points: Vec<Vector3<f64>> =
-        lattice.filter(is_of_cross).filter(|p| (p.x - 0.3).abs() > 0.03).collect();
-    let cross = Visibility::new(
-        points.len(),
-        |i| points[i],
-        &[Vector3::new(0.0, 0.0, 2.0)],
-        |_| 0,
-        |_| Some(Vector3::z()),
-        &[],
-    )
-    .unwrap();
+    let cross = view_from_above(square().filter(is_of_cross).filter(|p| (p.x - 0.3).abs() > 0.03));
     let look = |x: f64| cross.seen(&Vector3::new(x, 0.0, 0.0), None, 0.02, |_| false);
     assert_eq!(look(0.3), Seen::Missing);
     assert_eq!(look(0.2), Seen::Hidden, "it was measured");
@@ -67,15 +62,11 @@ fn a_gap_in_a_narrow_bar_shows_though_the_view_is_mostly_empty() {
 
 /// The plate without its hole, each half of it seen from above by the places that `sees` tells.
 fn halves(sees: [[bool; 2]; 2], pictures: &[Picture]) -> Visibility {
-    let at = |i: i32| f64::from(i) / 200.0;
-    let lattice: Vec<Vector3<f64>> =
-        (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0))).collect();
     let places = [Vector3::new(0.3, 0.0, 2.0), Vector3::new(-0.3, 0.0, 2.0)];
-    let seen_from = |place: usize| lattice.iter().filter(move |p| sees[place][usize::from(p.x >= 0.0)]);
+    let seen_from = |place: usize| square().filter(move |p| sees[place][usize::from(p.x >= 0.0)]);
     let points: Vec<(usize, Vector3<f64>)> =
-        [0, 1].into_iter().flat_map(|place| seen_from(place).map(move |p| (place, *p))).collect();
-    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| Some(Vector3::z()), pictures)
-        .unwrap()
+        [0, 1].into_iter().flat_map(|place| seen_from(place).map(move |p| (place, p))).collect();
+    views(&points, &places, pictures)
 }
 
 #[test]
@@ -91,17 +82,14 @@ fn beside_all_that_any_view_measured_a_return_is_missing() {
 
 /// A plate with a hole, seen from above by two places; one of them lost all returns of a square of side `lost`.
 fn plate_with_lost_returns(lost: f64) -> Visibility {
-    let at = |i: i32| f64::from(i) / 200.0;
-    let lattice = (-100..100).flat_map(|i| (-100..100).map(move |j| Vector3::new(at(i), at(j), 0.0)));
     let is_in_hole = |p: &Vector3<f64>| (p.x - 0.25).abs() < 0.1 && p.y.abs() < 0.1;
-    let plate: Vec<Vector3<f64>> = lattice.filter(|p| !is_in_hole(p)).collect();
+    let plate: Vec<Vector3<f64>> = square().filter(|p| !is_in_hole(p)).collect();
     let places = [Vector3::new(0.3, 0.0, 2.0), Vector3::new(-0.3, 0.0, 2.0)];
     let is_lost = |p: &Vector3<f64>| (p.x + 0.25).abs() < 0.5 * lost && (p.y - 0.25).abs() < 0.5 * lost;
     let kept = plate.iter().filter(|p| !is_lost(p));
     let points: Vec<(usize, Vector3<f64>)> =
         kept.map(|p| (0, *p)).chain(plate.iter().map(|p| (1, *p))).collect();
-    Visibility::new(points.len(), |i| points[i].1, &places, |i| points[i].0, |_| Some(Vector3::z()), &[])
-        .unwrap()
+    views(&points, &places, &[])
 }
 
 fn look(visibility: &Visibility, place: [f64; 3]) -> Seen {
