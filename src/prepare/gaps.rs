@@ -29,8 +29,8 @@ impl Gaps {
         tree: &KdTree,
         along: f64,
     ) -> Option<Self> {
-        /// Width of a gap from which on points lie in lines [distance of the points in a line]: it is measured as below 2 on a
-        /// surface that they fill evenly, and below 5.7 where they lie on it at random.
+        /// Width of a gap from which on points lie in lines [distance of the points in a line]: in 216 scans by cameras it is
+        /// measured as below 3.8, and as below 5.7 where points lie on a surface at random.
         const LEAST: f64 = 6.0;
         /// Points beside which places are looked at.
         const LOOKED_AT: usize = 1000;
@@ -77,11 +77,12 @@ impl Gaps {
         /// More would not be local.
         const MOST: f64 = 150.0;
         let area_of_point = self.width * self.along;
-        let count = std::f64::consts::PI * (REACH * self.width).powi(2) / area_of_point;
-        count.min(MOST).ceil() as usize
+        let area = std::f64::consts::PI * (REACH * self.width).powi(2);
+        (area / area_of_point).min(MOST).ceil() as usize
     }
 
-    /// Spacing at which a match may be half a gap away: nearly twice as far.
+    /// Spacing of points that leave no place without a match: half a gap is twice as far, about what a match may be away where an
+    /// order is found (1.9 spacings).
     pub(super) fn spacing(self) -> f64 {
         self.width / 4.0
     }

@@ -45,7 +45,8 @@ const STRIPS: f64 = 0.1;
 /// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
 
-/// The same of a sensor that gets no return from less steep surfaces either, at most: a flat part from the front shows none.
+/// The same of a sensor that gets no return from less steep surfaces either, at most: from the front a flat part shows hardly any,
+/// which says nothing of the sensor.
 const STEEPEST: f64 = 0.6;
 
 /// Between that and the cosine below which a tenth of the points was measured, at most: what a sensor cuts off is cut off sharply,
@@ -164,7 +165,7 @@ impl Visibility {
         let is_grazed_from = |center: &Vector3<f64>| {
             normal.is_some_and(|normal| is_grazed(normal, &(center - point), self.grazing))
         };
-        // A ray that should have met a steep surface is then measured where it meets what lies beside that.
+        // A cell at the edge of a steep surface that gave no return holds only what lies behind it.
         let loses_steep = self.grazing > GRAZING;
         let mut missing = 0;
         for view in &self.views {

@@ -104,13 +104,11 @@ def test_lines_may_lie_far_apart(name: str, viewpoints: bool) -> None:
         assert sympose.estimate(points, viewpoints=seen_from).order == part(name).order
 
 
-@pytest.mark.parametrize("name", ["wheel_hub_10", "mug"])
-def test_all_that_the_lines_saw_to_be_empty_counts(name: str) -> None:
-    points, places, axis = profile(part(name), sides=THREE_SIDES)
-    if name == "mug":
-        with pytest.raises(sympose.NoSymmetryError):
-            sympose.estimate(points, viewpoints=places)
-    else:
-        found = sympose.estimate(points, viewpoints=places)
-        assert found.order == 10
-        assert off_deg(found.axis, axis) < 0.02
+def test_all_that_the_lines_saw_to_be_empty_counts() -> None:
+    points, places, axis = profile(part("wheel_hub_10"), sides=THREE_SIDES)
+    found = sympose.estimate(points, viewpoints=places)
+    assert found.order == 10
+    assert off_deg(found.axis, axis) < 0.02
+    points, places, _ = profile(part("mug"), sides=THREE_SIDES)
+    with pytest.raises(sympose.NoSymmetryError):
+        sympose.estimate(points, viewpoints=places)

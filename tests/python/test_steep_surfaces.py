@@ -18,8 +18,8 @@ from sympose.datasets.depth_camera import DEPTH_CAMERA, render  # noqa: E402
 Floats = NDArray[np.float64]
 
 
-def face_on(name: str, cosine: float) -> tuple[Floats, Floats]:
-    """One view of a part, 45 deg from its axis, without what is steeper, and the place of the camera."""
+def without_steep_surfaces(name: str, cosine: float) -> tuple[Floats, Floats]:
+    """One view of a part, 45 deg from its axis, of what faces the camera by a cosine; and its place."""
     one = part(name)
     toward = np.array([0.3, 0.64, np.sqrt(0.5)])
     toward /= np.linalg.norm(toward)
@@ -37,7 +37,7 @@ def face_on(name: str, cosine: float) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize("name", ["propeller_3", "wheel_hub_10", "knob_3", "flange_8", "gear_12"])
 def test_what_it_lost_does_not_speak_against_the_order(name: str) -> None:
-    points, place = face_on(name, 0.5)
+    points, place = without_steep_surfaces(name, 0.5)
     found = sympose.estimate(points, viewpoints=place, order=part(name).order)
     assert abs(found.axis[2]) > np.cos(np.radians(0.2))
     assert found.score > 0.6
