@@ -82,24 +82,23 @@ pub(super) fn clean(
         least
     };
     stages.number("plane_neighbors", k as f64);
-    let mut neighbors = KNeighbors::new(&tree, &grid.points, k.max(params.k))?;
-    stages.check()?;
-    let planes_of = |neighbors: &KNeighbors, k: usize| {
-        normals_from_neighbors(&grid.points, neighbors, &NormalParams { k, ..config.normals.clone() })
-    };
-    let mut planes = planes_of(&neighbors, k)?;
-    stages.check()?;
-    let mut spacing = *voxel_size;
-    let gaps = |planes: &Normals| Gaps::between(&grid.points, &planes.normals, &tree, *voxel_size);
-    if let Some(rough) = gaps(&planes) {
-        // Points of one line have no plane.
-        let across = rough.neighbors_across().max(k);
-        let wide = KNeighbors::new(&tree, &grid.points, across.max(params.k))?;
-        let planes_across = planes_of(&wide, across)?;
-        if let Some(gaps) = gaps(&planes_across).filter(|gaps| gaps.are_narrow(diameter)) {
-            (neighbors, planes, spacing) = (wide, planes_across, gaps.spacing());
-        }
+    let planes_through = |k: usize| -> Result<(KNeighbors, Normals)> {
+        let neighbors = KNeighbors::new(&tree, &grid.points, k.max(params.k))?;
         stages.check()?;
+        let of_k = NormalParams { k, ..config.normals.clone() };
+        let planes = normals_from_neighbors(&grid.points, &neighbors, &of_k)?;
+        stages.check()?;
+        Ok((neighbors, planes))
+    };
+    let gaps_by = |planes: &Normals| Gaps::between(&grid.points, &planes.normals, &tree, *voxel_size);
+    let (mut neighbors, mut planes) = planes_through(k)?;
+    let mut spacing = *voxel_size;
+    if let Some(rough) = gaps_by(&planes) {
+        // Points of one line have no plane.
+        let (wider, across) = planes_through(rough.neighbors_across().max(k))?;
+        if let Some(gaps) = gaps_by(&across).filter(|gaps| gaps.are_narrow(diameter)) {
+            (neighbors, planes, spacing) = (wider, across, gaps.spacing());
+        }
     }
     stages.number("spacing", spacing);
     let on_surface = on_surfaces(&neighbors, &planes, oriented, *voxel_size, &params)?;
