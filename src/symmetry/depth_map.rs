@@ -124,8 +124,9 @@ pub(crate) struct DepthMap {
     camera_from_world: Matrix3<f64>,
     pub(crate) grid: Grid,
     cells: Vec<Cell>,
-    /// Whether the points lie in a strip, as those of a sensor that measures line by line do.
-    pub(crate) is_strip: bool,
+    /// Where the points lie in a strip, the slab from the first to the last of its lines, as heights over the middle of the view
+    /// \[length\]: the sensor moved between them, and the strip is the wider in the map the nearer it is.
+    slab: Option<[f64; 2]>,
     /// What is known of directions beside the points.
     pub(crate) surroundings: Surroundings,
 }
@@ -137,7 +138,7 @@ impl DepthMap {
         indices: &[u32],
         points_per_cell: PointsPerCell,
     ) -> Option<Self> {
-        let Look { camera_from_world, is_strip, returns } = Look::from(center, point_of, indices)?;
+        let Look { camera_from_world, slab, returns } = Look::from(center, point_of, indices)?;
         let count: usize = returns.iter().map(Vec::len).sum();
         let places = || returns.iter().flatten().map(|(uv, _)| *uv);
         let grid = Grid::over(places, count, points_per_cell)?;
@@ -148,7 +149,7 @@ impl DepthMap {
         }
         let cells = with_neighbors(&nearest, grid.size[0]);
         let surroundings = Surroundings::Unknown;
-        Some(Self { center: *center, camera_from_world, grid, cells, is_strip, surroundings })
+        Some(Self { center: *center, camera_from_world, grid, cells, slab, surroundings })
     }
 
     /// Directions that none of the `pictures` from here shows: nothing is known about any place there, where the frame cuts
@@ -210,10 +211,27 @@ impl DepthMap {
         inside(column, self.grid.size[0]) && inside(row, self.grid.size[1])
     }
 
+    /// Whether the points lie in a strip, as those of a sensor that measures line by line do.
+    pub(crate) fn is_strip(&self) -> bool {
+        self.slab.is_some()
+    }
+
+    /// Whether a point lies between the first and the last line of a strip, or within a cell of one of them.
+    fn is_in_slab(&self, point: &Vector3<f64>) -> bool {
+        self.slab.is_none_or(|[lower, upper]| {
+            let local = self.camera_from_world * (point - self.center);
+            let cell = local.z / self.grid.cells_per_slope;
+            (lower - cell..=upper + cell).contains(&local.y)
+        })
+    }
+
     /// Index of the cell that shows a point; `None` out of the map.
     #[inline]
     fn index(&self, point: &Vector3<f64>) -> Option<usize> {
         let [column, row] = self.place(point).filter(|place| self.contains(*place, 0.0))?;
+        if !self.is_in_slab(point) {
+            return None;
+        }
         Some(row as usize * self.grid.size[0] + column as usize)
     }
 
@@ -264,7 +282,8 @@ type Return = ([f64; 2], f32);
 /// What a camera saw, in its own frame: it looks at the middle of the points, with a strip of them along one of its axes.
 struct Look {
     camera_from_world: Matrix3<f64>,
-    is_strip: bool,
+    /// Heights of a strip over the middle \[length\].
+    slab: Option<[f64; 2]>,
     /// In chunks.
     returns: Vec<Vec<Return>>,
 }
@@ -299,18 +318,24 @@ impl Look {
             .par_chunks(CHUNK)
             .map(|chunk| chunk.iter().map(ray).filter_map(return_of).collect())
             .collect();
-        let Some(roll) = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv)) else {
-            return Some(Self {
-                camera_from_world: camera_from_world.into_inner(),
-                is_strip: false,
-                returns,
-            });
-        };
-        let turn = Rotation2::new(-roll);
-        returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
-        let rolled = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
-        Some(Self { camera_from_world: rolled.into_inner(), is_strip: true, returns })
+        let roll = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv));
+        let turn = Rotation2::new(-roll.unwrap_or(0.0));
+        if roll.is_some() {
+            returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
+        }
+        let camera_from_world =
+            Rotation3::from_axis_angle(&Vector3::z_axis(), turn.angle()) * camera_from_world;
+        let slab = roll.map(|_| slab(returns.iter().flatten()));
+        Some(Self { camera_from_world: camera_from_world.into_inner(), slab, returns })
     }
+}
+
+/// Least and greatest height of returns over the middle of a view, along its second axis \[length\].
+fn slab<'a>(returns: impl Iterator<Item = &'a Return>) -> [f64; 2] {
+    let height = |([u, v], range): &Return| v * f64::from(*range) / (1.0 + u * u + v * v).sqrt();
+    returns
+        .map(height)
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[lower, upper], h| [lower.min(h), upper.max(h)])
 }
 
 /// Angle of a picture that is a strip, as one of a sensor that measures line by line is, from the first axis \[rad\]; `None`

@@ -101,7 +101,7 @@ impl Visibility {
             let map = |(rank, (center, indices)): (usize, &(&Vector3<f64>, Vec<u32>))| {
                 let mut map = DepthMap::new(center, &point_of, indices, points_per_cell)?;
                 map.hide_beyond(&pictures_from(center, &part, pictures));
-                (rank < MAX_VIEWS || map.is_strip).then_some(map)
+                (rank < MAX_VIEWS || map.is_strip()).then_some(map)
             };
             members.par_iter().enumerate().filter_map(map).collect()
         };

@@ -112,3 +112,12 @@ def test_all_that_the_lines_saw_to_be_empty_counts() -> None:
     points, places, _ = profile(part("mug"), sides=THREE_SIDES)
     with pytest.raises(sympose.NoSymmetryError):
         sympose.estimate(points, viewpoints=places)
+
+
+def test_lines_close_together_lose_no_returns() -> None:
+    # A strip of lines is joined to one place, from which its sides seem to cut off what is nearer or farther.
+    points, places, axis = profile(part("wheel_hub_5"), lines=1200, sides=THREE_SIDES)
+    found = sympose.estimate(points, viewpoints=places)
+    assert found.order == 5
+    assert off_deg(found.axis, axis) < 0.02
+    assert found.diagnostics["dropout"] == 0.0
