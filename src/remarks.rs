@@ -12,6 +12,7 @@ use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::{EQUALLY_GOOD_SEVERAL, Found, group_size};
 use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::Spread;
+use crate::symmetry::visibility::Visibility;
 
 /// Angle between axes that are not the same \[rad\].
 pub(crate) const APART: f64 = 0.17;
@@ -70,6 +71,7 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
         warnings.extend(unseen_half.filter(|half| !half.is_ambiguous()).map(|half| half.remark()));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(details(detection).filter(|_| answer.too_fine().is_none()));
+        warnings.extend(visibility.and_then(|v| few_points(detection, v, prepared)));
     }
     warnings.extend(thing_beside(prepared.beside));
     Remarks { warnings, ambiguous, doubted }
@@ -352,6 +354,21 @@ fn details(detection: &Detection) -> Option<String> {
         (Details::OfNone, order) => format!(
             "details contradict the order ({order}) of all the rest and every part of it: they have another one, or none"
         ),
+    })
+}
+
+/// Says so when a part is called round of which few points are known: its holes or teeth may be narrower than what these show.
+fn few_points(detection: &Detection, visibility: &Visibility, prepared: &Prepared) -> Option<String> {
+    /// Width of a gap that shows, at most [diameters].
+    const NARROW: f64 = 0.05;
+    let width = visibility.narrowest_gap(&prepared.surface.centroid) / prepared.diameter;
+    let is_round = detection.order == Some(Order::Continuous) && detection.details.is_none();
+    (is_round && width > NARROW).then(|| {
+        format!(
+            "so few points hardly show gaps narrower than {:.0} % of the diameter of the part: where it has such holes or teeth, \
+             declare their order, or keep more points",
+            100.0 * width
+        )
     })
 }
 

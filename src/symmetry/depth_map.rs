@@ -59,6 +59,17 @@ pub(crate) struct PointsPerCell {
     pub(crate) filled: f64,
 }
 
+impl PointsPerCell {
+    /// Half as many where a view has few points: its cells would be wider than the gaps of a part, and a few empty ones side by
+    /// side are still no accident.
+    fn of(self, count: usize) -> Self {
+        /// Points of a view that has enough of them.
+        const ENOUGH: f64 = 10_000.0;
+        let share = (count as f64 / ENOUGH).clamp(0.5, 1.0);
+        Self { of_square: share * self.of_square, filled: share * self.filled }
+    }
+}
+
 /// Square cells of the slopes against the middle of a view.
 #[derive(Debug, Clone)]
 pub(crate) struct Grid {
@@ -94,14 +105,15 @@ impl Grid {
             let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
             Self { cells_per_slope, first, size }
         };
-        let cell = extent * (points_per_cell.of_square / count as f64).sqrt();
+        let PointsPerCell { of_square, filled: of_filled } = points_per_cell.of(count);
+        let cell = extent * (of_square / count as f64).sqrt();
         let coarse = grid(cell);
         // A propeller leaves most of the square empty, so that a cell is wider than a blade. How much it fills shows in these
         // cells: between irregular points there are no gaps in them.
         let mut is_filled = vec![false; coarse.len()];
         places().for_each(|uv| is_filled[coarse.index(uv)] = true);
         let filled = is_filled.into_iter().filter(|&filled| filled).count() as f64;
-        let share = f64::min(points_per_cell.filled * filled / count as f64, 1.0);
+        let share = f64::min(of_filled * filled / count as f64, 1.0);
         Some(grid(cell * share.sqrt()))
     }
 
@@ -255,6 +267,12 @@ impl DepthMap {
     #[inline]
     pub(crate) fn at(&self, point: &Vector3<f64>) -> Option<Cell> {
         self.index(point).map(|index| self.cells[index])
+    }
+
+    /// Width of the narrowest gap at the distance of a place of which a cell says that nothing came back from it and from those
+    /// around \[length\].
+    pub(crate) fn narrowest_gap(&self, place: &Vector3<f64>) -> f64 {
+        3.0 * (place - self.center).norm() / self.grid.cells_per_slope
     }
 
     /// What this camera says about a place, and whether a return is missing there or beside it.

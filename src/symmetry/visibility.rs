@@ -146,6 +146,12 @@ impl Visibility {
         self.views.len()
     }
 
+    /// Width of the narrowest gap at the distance of a `place` that any view shows \[length\].
+    #[must_use]
+    pub fn narrowest_gap(&self, place: &Vector3<f64>) -> f64 {
+        self.views.iter().map(|view| view.narrowest_gap(place)).fold(f64::INFINITY, f64::min)
+    }
+
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
     /// grazing angle, and where many are lost nothing unless another camera misses it, too. Of surfaces steeper than all that was
