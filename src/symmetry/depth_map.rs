@@ -60,8 +60,8 @@ pub(crate) struct PointsPerCell {
 }
 
 impl PointsPerCell {
-    /// Half as many where a view has few points: its cells would be wider than the gaps of a part, and a few empty ones side by
-    /// side are still no accident.
+    /// Half as many where a view has few points, evenly spread: its cells would be wider than the gaps of a part, and a few
+    /// empty ones side by side are still no accident.
     fn of(self, count: usize) -> Self {
         /// Points of a view that has enough of them.
         const ENOUGH: f64 = 10_000.0;
@@ -105,16 +105,16 @@ impl Grid {
             let size = [0, 1].map(|axis| (upper[axis] * cells_per_slope - first[axis]) as usize + 1);
             Self { cells_per_slope, first, size }
         };
-        let PointsPerCell { of_square, filled: of_filled } = points_per_cell.of(count);
-        let cell = extent * (of_square / count as f64).sqrt();
-        let coarse = grid(cell);
+        let cell = |of_square: f64| extent * (of_square / count as f64).sqrt();
+        let coarse = grid(cell(points_per_cell.of_square));
         // A propeller leaves most of the square empty, so that a cell is wider than a blade. How much it fills shows in these
         // cells: between irregular points there are no gaps in them.
-        let mut is_filled = vec![false; coarse.len()];
-        places().for_each(|uv| is_filled[coarse.index(uv)] = true);
-        let filled = is_filled.into_iter().filter(|&filled| filled).count() as f64;
-        let share = f64::min(of_filled * filled / count as f64, 1.0);
-        Some(grid(cell * share.sqrt()))
+        let mut counts = vec![0_u32; coarse.len()];
+        places().for_each(|uv| counts[coarse.index(uv)] += 1);
+        counts.retain(|&count| count > 0);
+        let points_per_cell = if are_even(&counts) { points_per_cell.of(count) } else { points_per_cell };
+        let share = f64::min(points_per_cell.filled * counts.len() as f64 / count as f64, 1.0);
+        Some(grid(cell(points_per_cell.of_square) * share.sqrt()))
     }
 
     /// Number of cells.
@@ -127,6 +127,15 @@ impl Grid {
         let [column, row] = [0, 1].map(|axis| (uv[axis] * self.cells_per_slope - self.first[axis]) as usize);
         row * self.size[0] + column
     }
+}
+
+/// Whether the counts of cells vary no more than those of random places do, of which the variance is the mean (Poisson): points that
+/// were matched between pictures come in clumps, and what is between these is no gap.
+fn are_even(counts: &[u32]) -> bool {
+    let cells = counts.len() as f64;
+    let mean = counts.iter().map(|&count| f64::from(count)).sum::<f64>() / cells;
+    let variance = counts.iter().map(|&count| (f64::from(count) - mean).powi(2)).sum::<f64>() / cells;
+    variance <= mean
 }
 
 /// Nearest range for each cell of a tangent-plane grid about a camera.
