@@ -61,13 +61,26 @@ pub(crate) struct PointsPerCell {
 
 impl PointsPerCell {
     /// Half as many where a view has few points, evenly spread: its cells would be wider than the gaps of a part, and a few
-    /// empty ones side by side are still no accident.
-    fn of(self, count: usize) -> Self {
+    /// empty ones side by side are still no accident. `counts` are those of cells that hold any.
+    fn adapted_to(self, counts: &[u32]) -> Self {
         /// Points of a view that has enough of them.
         const ENOUGH: f64 = 10_000.0;
-        let share = (count as f64 / ENOUGH).clamp(0.5, 1.0);
+        if !are_even(counts) {
+            return self;
+        }
+        let count: f64 = counts.iter().map(|&count| f64::from(count)).sum();
+        let share = (count / ENOUGH).clamp(0.5, 1.0);
         Self { of_square: share * self.of_square, filled: share * self.filled }
     }
+}
+
+/// Whether the counts of cells vary no more than those of random places do, of which the variance is the mean (Poisson): points that
+/// were matched between pictures come in clumps, and what is between these is no gap.
+fn are_even(counts: &[u32]) -> bool {
+    let cells = counts.len() as f64;
+    let mean = counts.iter().map(|&count| f64::from(count)).sum::<f64>() / cells;
+    let variance = counts.iter().map(|&count| (f64::from(count) - mean).powi(2)).sum::<f64>() / cells;
+    variance <= mean
 }
 
 /// Square cells of the slopes against the middle of a view.
@@ -112,7 +125,7 @@ impl Grid {
         let mut counts = vec![0_u32; coarse.len()];
         places().for_each(|uv| counts[coarse.index(uv)] += 1);
         counts.retain(|&count| count > 0);
-        let points_per_cell = if are_even(&counts) { points_per_cell.of(count) } else { points_per_cell };
+        let points_per_cell = points_per_cell.adapted_to(&counts);
         let share = f64::min(points_per_cell.filled * counts.len() as f64 / count as f64, 1.0);
         Some(grid(cell(points_per_cell.of_square) * share.sqrt()))
     }
@@ -127,15 +140,6 @@ impl Grid {
         let [column, row] = [0, 1].map(|axis| (uv[axis] * self.cells_per_slope - self.first[axis]) as usize);
         row * self.size[0] + column
     }
-}
-
-/// Whether the counts of cells vary no more than those of random places do, of which the variance is the mean (Poisson): points that
-/// were matched between pictures come in clumps, and what is between these is no gap.
-fn are_even(counts: &[u32]) -> bool {
-    let cells = counts.len() as f64;
-    let mean = counts.iter().map(|&count| f64::from(count)).sum::<f64>() / cells;
-    let variance = counts.iter().map(|&count| (f64::from(count) - mean).powi(2)).sum::<f64>() / cells;
-    variance <= mean
 }
 
 /// Nearest range for each cell of a tangent-plane grid about a camera.
@@ -345,15 +349,14 @@ impl Look {
             .par_chunks(CHUNK)
             .map(|chunk| chunk.iter().map(ray).filter_map(return_of).collect())
             .collect();
-        let roll = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv));
-        let turn = Rotation2::new(-roll.unwrap_or(0.0));
-        if roll.is_some() {
-            returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
-        }
-        let camera_from_world =
-            Rotation3::from_axis_angle(&Vector3::z_axis(), turn.angle()) * camera_from_world;
-        let slab = roll.map(|_| slab(returns.iter().flatten()));
-        Some(Self { camera_from_world: camera_from_world.into_inner(), slab, returns })
+        let Some(roll) = roll_of_strip(returns.iter().flatten().map(|(uv, _)| *uv)) else {
+            return Some(Self { camera_from_world: camera_from_world.into_inner(), slab: None, returns });
+        };
+        let turn = Rotation2::new(-roll);
+        returns.iter_mut().flatten().for_each(|(uv, _)| *uv = (turn * Vector2::from(*uv)).into());
+        let rolled = Rotation3::from_axis_angle(&Vector3::z_axis(), -roll) * camera_from_world;
+        let slab = Some(slab(returns.iter().flatten()));
+        Some(Self { camera_from_world: rolled.into_inner(), slab, returns })
     }
 }
 
