@@ -50,3 +50,22 @@ def test_an_ordinary_scan_called_round_shows_details() -> None:
     found, _ = thinned("can", views=3, count=50_000)
     assert found.order == "continuous"
     assert not found.warnings
+
+
+def test_what_lies_between_clumps_of_points_is_not_lost() -> None:
+    # Points that were matched between pictures are dense on texture and sparse beside it.
+    scanned = scan(part("pulley"), "sphere", views=8, seed=1)
+    rng = np.random.default_rng(1)
+    chosen = []
+    for view in range(8):
+        rows = np.flatnonzero(scanned.view_of_point == view)
+        phases = scanned.scene.points[rows] @ rng.normal(0.0, 40.0, (3, 12))
+        waves = np.cos(phases + rng.uniform(0.0, 2.0 * np.pi, 12))
+        texture = np.exp(2.0 * waves.sum(axis=1) / np.sqrt(6.0))
+        chosen.append(rng.choice(rows, 400, replace=False, p=texture / texture.sum()))
+    viewpoints = scanned.scene.viewpoints
+    assert viewpoints is not None
+    index = np.concatenate(chosen)
+    found = sympose.estimate(scanned.scene.points[index], viewpoints=viewpoints[index], order="continuous")
+    assert np.degrees(np.arccos(min(1.0, abs(found.axis @ scanned.axis)))) < 0.5
+    assert found.diagnostics["dropout"] == 0.0
