@@ -135,12 +135,16 @@ impl Estimator {
             return Ok(Outcome::OutOfReach);
         }
         let detection = self.detect(prepared, &refined.axis, control)?;
-        let Some(order) = (if is_open { detection.order } else { Some(declared) }) else {
+        // One view seldom shows enough to contradict a half turn, and is not trusted with one anyhow.
+        let is_denied = detection.is_denied_half_turn() && !prepared.one_view();
+        let found = detection.order.filter(|_| !is_denied);
+        let Some(order) = (if is_open { found } else { Some(declared) }) else {
             let score = self.score(prepared, &refined.axis, start).value();
             return Ok(Outcome::Refused(Refusal {
                 axis: refined.axis,
                 explained: detection.explained,
                 score,
+                is_denied,
             }));
         };
         if order != start {

@@ -11,6 +11,10 @@ use crate::symmetry::axis::Axis;
 /// What is said first.
 const NO_SYMMETRY: &str = "no rotational symmetry explains the data";
 
+/// What is said of a half turn that details contradict.
+const BUT_FOR_DETAILS: &str = "a half turn about the best axis maps all but details that contradict it, as one maps a plate with \
+                               something on one of its sides; declare order 2 if the part has it but for these";
+
 /// An axis about which no order holds.
 pub(crate) struct Refusal {
     pub axis: Axis,
@@ -18,6 +22,8 @@ pub(crate) struct Refusal {
     pub explained: f64,
     /// Score under the turns that brought the axis there.
     pub score: f64,
+    /// A half turn maps all but a few details.
+    pub is_denied: bool,
 }
 
 impl Estimator {
@@ -37,13 +43,14 @@ impl Estimator {
         let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
         advice.extend(lost.map(|lost| format!("; {lost}")));
         let evidence = match best {
-            Some(Refusal { axis, explained, score }) => Evidence {
+            Some(Refusal { axis, explained, score, is_denied }) => Evidence {
                 axis: (prepared.world_from_local * axis.direction.into_inner()).into(),
                 center: world(axis.point),
                 explained,
                 score,
                 reason: format!(
-                    "{NO_SYMMETRY}: about the best axis no rotation maps the part to itself{advice}"
+                    "{NO_SYMMETRY}: {}{advice}",
+                    if is_denied { BUT_FOR_DETAILS } else { "about the best axis no rotation maps the part to itself" }
                 ),
             },
             None => Evidence {

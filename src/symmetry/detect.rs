@@ -144,6 +144,12 @@ impl Detection {
             _ => false,
         }
     }
+
+    /// Whether a half turn was found, and details contradict it: one maps any plate to itself but for what stands on one of its sides.
+    #[must_use]
+    pub fn is_denied_half_turn(&self) -> bool {
+        self.order == Some(Order::Cyclic(2)) && self.details == Some(Details::OfNone)
+    }
 }
 
 /// Points among which those of the structured rings are chosen, for each of them.

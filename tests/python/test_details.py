@@ -141,3 +141,24 @@ def test_a_refusal_says_how_well_the_best_axis_matches() -> None:
     evidence = refusal.value.evidence
     assert 0.1 < evidence["score"] < 1.0
     assert 0.1 < evidence["explained"] < 1.0
+
+
+def plate_with_a_pin(width: float) -> Part:
+    """A plate that half turns would map to itself but for a pin on one of its sides."""
+    plate = manifold3d.Manifold.cube([0.85, 0.5, 0.08], True)
+    return solid_part(plate + cylinder(0.2, width, 0.03).translate([0.25, 0.12, 0.0]), None)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize(("width", "views"), [(0.04, 3), (0.05, 5)])
+def test_a_half_turn_that_maps_all_but_a_pin_is_no_symmetry(width: float, views: int, seed: int) -> None:
+    scanned = scan(plate_with_a_pin(width), "sphere", views=views, seed=seed)
+    with pytest.raises(sympose.NoSymmetryError, match="declare order 2 if the part has it but for these"):
+        sympose.estimate(scanned.scene)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_half_turn_that_maps_all_but_a_pin_is_answered_where_it_is_declared(seed: int) -> None:
+    found = sympose.estimate(scan(plate_with_a_pin(0.03), "sphere", views=5, seed=seed).scene, order=2)
+    assert found.order == 2
+    assert found.explained > 0.9
