@@ -11,9 +11,8 @@ use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
 use crate::refusal::Refusal;
-use crate::remarks::{
-    APART, AS_WELL, Answer, LIKE_PIECES, PIECE_APART, Remarks, another_axis, closer_part_holds, remarks,
-};
+use crate::remarks::{Answer, LIKE_PIECES, PIECE_APART, Remarks, closer_part_holds, remarks};
+use crate::rivals::{APART, AS_WELL, another_axis};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};

@@ -79,6 +79,7 @@ pub mod reference;
 mod refusal;
 mod remarks;
 pub mod result;
+mod rivals;
 mod sampling;
 pub mod schema;
 pub mod spatial;

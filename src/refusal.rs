@@ -11,6 +11,9 @@ use crate::symmetry::axis::Axis;
 /// What is said first.
 const NO_SYMMETRY: &str = "no rotational symmetry explains the data";
 
+/// What is said of an axis about which no order came near.
+const NO_ROTATION: &str = "about the best axis no rotation maps the part to itself";
+
 /// What is said of a half turn that details contradict.
 const BUT_FOR_DETAILS: &str = "a half turn about the best axis maps all but details that contradict it, as one maps a plate with \
                                something on one of its sides; declare order 2 if the part has it but for these";
@@ -50,7 +53,7 @@ impl Estimator {
                 score,
                 reason: format!(
                     "{NO_SYMMETRY}: {}{advice}",
-                    if is_denied { BUT_FOR_DETAILS } else { "about the best axis no rotation maps the part to itself" }
+                    if is_denied { BUT_FOR_DETAILS } else { NO_ROTATION }
                 ),
             },
             None => Evidence {

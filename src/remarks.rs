@@ -3,27 +3,22 @@
 use nalgebra::Vector3;
 
 use crate::prepare::Prepared;
+use crate::rivals::{Likeness, ambiguity_of_axes, other_order};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::CloserPart;
 use crate::symmetry::details::Details;
 use crate::symmetry::detect::{DetectParams, Detection};
 use crate::symmetry::order::Order;
 use crate::symmetry::score::MatchScore;
-use crate::symmetry::search::{EQUALLY_GOOD_SEVERAL, Found, group_size};
+use crate::symmetry::search::Found;
 use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::Spread;
 use crate::symmetry::visibility::Visibility;
 
-/// Angle between axes that are not the same \[rad\].
-pub(crate) const APART: f64 = 0.17;
-
-/// Another axis explains the data about as well from here on [score of the best one].
-pub(crate) const AS_WELL: f64 = 0.95;
-
 /// Share of the surface that turns take out of sight, from which on several views tell no more than one: all from above, of a part
 /// that lies on its side. About right axes of parts that something holds it is below 0.44, about wrong ones in scans of no part 0.5
 /// to 0.8.
-const MOSTLY_HIDDEN: f64 = 0.5;
+pub(crate) const MOSTLY_HIDDEN: f64 = 0.5;
 
 /// What is remarked on an answer.
 pub(crate) struct Remarks {
@@ -59,6 +54,7 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
     let ambiguous_half = unseen_half.as_ref().filter(|half| half.is_ambiguous());
     let ambiguity = (answer.ambiguous_order())
         .or_else(|| ambiguity_of_axes(axis, chosen, candidates, &answer.likeness()))
+        .or_else(|| answer.rival_of_search(candidates).map(rival))
         .or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()))
         .or_else(|| beyond_sight(&prepared.surface, score, visibility.is_some()))
         .or_else(|| ambiguous_half.map(UnseenHalf::remark));
@@ -102,6 +98,12 @@ impl Answer<'_> {
             .or_else(|| detection.rival.map(rival))
             .or_else(|| detection.faint.then(|| FAINT.to_owned()))
             .or_else(|| self.too_fine())
+    }
+
+    /// Another order that the search found about the same axis. Where details decide the order, it is one of the rest.
+    fn rival_of_search(&self, candidates: &[Found]) -> Option<u32> {
+        let is_of_all = self.declared == Order::Auto && self.detection.details.is_none();
+        self.detection.order.filter(|_| is_of_all).and_then(|order| other_order(self.axis, order, candidates))
     }
 
     fn too_fine(&self) -> Option<String> {
@@ -396,57 +398,4 @@ fn side_view(axis: &Axis, toward_sensor: &Vector3<f64>) -> Option<String> {
 /// Says so when another order holds about as well about the same axis.
 fn rival(order: u32) -> String {
     format!("ambiguous: too little is in sight to tell the order from {order}: declare it, or add a view")
-}
-
-/// Shares of the score of an axis from which on another one, of a group as large or larger, explains the data about as
-/// well.
-struct Likeness {
-    of_equals: f64,
-    of_larger: f64,
-}
-
-impl Likeness {
-    fn sought(declared: Order, one_view: bool, is_seen: bool, hidden: f64) -> Self {
-        /// A wall seen from the side turns as well about its own edges. In 46 views of the faces of parts of an order above
-        /// two no other axis came nearer than 0.72.
-        const DECLARED: f64 = 0.8;
-        /// A larger group hides more of itself, and matches less for that.
-        const HIDING: f64 = 0.6;
-        let [of_equals, of_larger] = match declared {
-            Order::Auto if one_view => [AS_WELL, HIDING],
-            Order::Auto if is_seen => [AS_WELL, EQUALLY_GOOD_SEVERAL],
-            Order::Cyclic(_) if one_view || hidden > MOSTLY_HIDDEN => [DECLARED; 2],
-            _ => [AS_WELL; 2],
-        };
-        Self { of_equals, of_larger }
-    }
-}
-
-/// Says so when another axis than `axis` came out of the search that explains the data about as well, as for a cube.
-fn ambiguity_of_axes(
-    axis: &Axis,
-    chosen: &Found,
-    candidates: &[Found],
-    likeness: &Likeness,
-) -> Option<String> {
-    let size = |found: &Found| found.order.map_or(0, group_size);
-    let score = |found: &Found| found.proposal.score.value();
-    let is_apart = |found: &Found| found.proposal.axis.angle_to(axis) > APART;
-    // The refinement may lead from a rough start to where a better one of the candidates is, too.
-    let here = candidates.iter().filter(|found| !is_apart(found) && size(found) == size(chosen));
-    let best_here = here.map(score).fold(score(chosen), f64::max);
-    let other = candidates.iter().find(|other| {
-        let least = if size(other) > size(chosen) { likeness.of_larger } else { likeness.of_equals };
-        score(other) >= least * best_here
-            && size(other) >= size(chosen)
-            && is_apart(other)
-            && !std::ptr::eq(*other, chosen)
-    })?;
-    Some(another_axis(other.proposal.axis.angle_to(axis)))
-}
-
-/// Says that an axis at an `angle` \[rad\] to the one answered explains the data about as well.
-pub(crate) fn another_axis(angle: f64) -> String {
-    let degrees = angle.to_degrees();
-    format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well")
 }
