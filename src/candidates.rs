@@ -20,7 +20,7 @@ use crate::symmetry::details::{Details, contradicting_details};
 use crate::symmetry::detect::{DetectParams, Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::pace::matching_pace;
-use crate::symmetry::pieces::{exchanges_pieces, has_piece_apart};
+use crate::symmetry::pieces::exchanges_pieces;
 use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, group_size};
@@ -99,17 +99,15 @@ impl Estimator {
         let mut settled = best.settled;
         let Settled { refined: Refined { axis, .. }, order, .. } = &settled;
         let surface = &prepared.surface;
-        // In one view the head of a part may hide its neck, so that its foot seems to be far away.
-        let several_views = prepared.visibility.as_ref().is_some_and(|v| v.views() > 1);
         let remark = if exchanges_pieces(surface, axis, *order, self.final_gate(surface))? {
             Some(LIKE_PIECES)
-        } else if several_views && has_piece_apart(surface, prepared.diameter)? {
+        } else if prepared.has_piece_apart()? {
             Some(PIECE_APART)
         } else {
             None
         };
         settled.ambiguous |= remark.is_some();
-        settled.warnings.extend(remark.map(str::to_owned));
+        settled.warnings.extend(remark.map(|remark| format!("ambiguous: {remark}")));
         settled.warnings.extend(self.closer(prepared, &settled));
         Ok(settled)
     }

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use crate::error::{Error, Evidence};
 use crate::estimate::Estimator;
 use crate::prepare::Prepared;
-use crate::remarks::lost_returns;
+use crate::remarks::{PIECE_APART, lost_returns};
 use crate::symmetry::axis::Axis;
 
 /// What is said first.
@@ -40,7 +40,9 @@ impl Estimator {
         if !prepared.outward {
             advice += "; give the viewpoint or the order, which say more";
         }
-        if self.config().roi.is_none() && best.is_some() {
+        if let Ok(true) = prepared.has_piece_apart() {
+            advice = format!("{advice}; {PIECE_APART}");
+        } else if self.config().roi.is_none() && best.is_some() {
             advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
         }
         let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));

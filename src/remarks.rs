@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::prepare::Prepared;
-use crate::rivals::{Likeness, ambiguity_of_axes, other_order};
+use crate::rivals::{Likeness, MOSTLY_HIDDEN, ambiguity_of_axes, other_order};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::CloserPart;
 use crate::symmetry::details::Details;
@@ -14,11 +14,6 @@ use crate::symmetry::search::Found;
 use crate::symmetry::surface::Surface;
 use crate::symmetry::view_errors::Spread;
 use crate::symmetry::visibility::Visibility;
-
-/// Share of the surface that turns take out of sight, from which on several views tell no more than one: all from above, of a part
-/// that lies on its side. About right axes of parts that something holds it is below 0.44, about wrong ones in scans of no part 0.5
-/// to 0.8.
-pub(crate) const MOSTLY_HIDDEN: f64 = 0.5;
 
 /// What is remarked on an answer.
 pub(crate) struct Remarks {
@@ -142,11 +137,11 @@ const FAINT: &str = "ambiguous: hardly anything in sight tells this order from o
                      view";
 
 /// Remark on a group that exchanges pieces of the surface.
-pub(crate) const LIKE_PIECES: &str = "ambiguous: each turn takes a piece of the scan to another one, and nothing joins them: \
+pub(crate) const LIKE_PIECES: &str = "each turn takes a piece of the scan to another one, and nothing joins them: \
                                       where they are several like parts, set roi to one of them";
 
 /// Remark on a piece of the surface far from all the rest.
-pub(crate) const PIECE_APART: &str = "ambiguous: a large piece of the scan is far from all the rest, and nothing joins them: where \
+pub(crate) const PIECE_APART: &str = "a large piece of the scan is far from all the rest, and nothing joins them: where \
                                       they are several parts, set roi to one of them";
 
 /// Says so when another thing on the support is so large, as a share of the one answered for, that it may be the part.

@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::preprocess::{Ground, Support};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
+use crate::symmetry::pieces::has_piece_apart;
 use crate::symmetry::score::MatchScore;
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::Surface;
@@ -70,6 +71,13 @@ impl Prepared {
     /// Whether a single view, whose place is known, shows all there is.
     pub(crate) fn one_view(&self) -> bool {
         self.visibility.as_ref().is_some_and(|visibility| visibility.views() == 1)
+    }
+
+    /// Whether a large piece of what several views show is far from all the rest. In one view the head of a part may hide its
+    /// neck, so that its foot seems to be far away.
+    pub(crate) fn has_piece_apart(&self) -> Result<bool> {
+        let several_views = self.visibility.as_ref().is_some_and(|visibility| visibility.views() > 1);
+        Ok(several_views && has_piece_apart(&self.surface, self.diameter)?)
     }
 
     /// The same, as seen by a view that loses returns in patches.
