@@ -71,8 +71,8 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
 impl Answer<'_> {
     /// Whether the order was found in one view, or in what is taken for one.
     fn is_found_in_one_view(&self) -> bool {
-        let one_view = self.prepared.visibility.as_ref().is_some_and(|v| v.views() == 1);
-        self.declared == Order::Auto && (one_view || self.prepared.surface.assumed_view.is_some())
+        self.declared == Order::Auto
+            && (self.prepared.one_view() || self.prepared.surface.assumed_view.is_some())
     }
 
     /// Says so when the order that was found may be another one.
@@ -106,9 +106,8 @@ impl Answer<'_> {
     }
 
     fn unseen_half(&self) -> Option<UnseenHalf> {
-        let several_views = self.prepared.visibility.as_ref().is_some_and(|v| v.views() > 1);
         UnseenHalf::found(self.detection, self.score)
-            .filter(|_| self.declared == Order::Auto && several_views)
+            .filter(|_| self.declared == Order::Auto && self.prepared.several_views())
     }
 
     /// Whether what speaks against a declared order that is not allowed is more than a few details or lost returns.

@@ -73,11 +73,15 @@ impl Prepared {
         self.visibility.as_ref().is_some_and(|visibility| visibility.views() == 1)
     }
 
+    /// Whether several views, whose places are known, show it.
+    pub(crate) fn several_views(&self) -> bool {
+        self.visibility.as_ref().is_some_and(|visibility| visibility.views() > 1)
+    }
+
     /// Whether a large piece of what several views show is far from all the rest. In one view the head of a part may hide its
     /// neck, so that its foot seems to be far away.
     pub(crate) fn has_piece_apart(&self) -> Result<bool> {
-        let several_views = self.visibility.as_ref().is_some_and(|visibility| visibility.views() > 1);
-        Ok(several_views && has_piece_apart(&self.surface, self.diameter)?)
+        Ok(self.several_views() && has_piece_apart(&self.surface, self.diameter)?)
     }
 
     /// The same, as seen by a view that loses returns in patches.
