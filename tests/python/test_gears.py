@@ -105,3 +105,23 @@ def test_a_fan_whose_blades_meet_nothing_under_other_turns_is_found() -> None:
     assert found.order == 11
     assert found.score > 0.5
     assert abs(found.axis @ scanned.axis) > np.cos(np.radians(0.1))
+
+
+def knurled_knob(teeth: int) -> Part:
+    """A knob of diameter 1 with a wave of low teeth on its side and a rounded edge."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 24 * teeth, endpoint=False)
+    radius = 0.486 + 0.014 * np.sin(teeth * angle)
+    outline = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    bend = np.linspace(0.0, 0.5 * np.pi, 13)
+    edge = np.column_stack([0.458 + 0.042 * np.cos(bend), 0.226 + 0.042 * np.sin(bend)])
+    profile = np.vstack([[0.0, 0.0], [0.5, 0.0], edge, [0.0, 0.268]])
+    rounded = manifold3d.Manifold.revolve(manifold3d.CrossSection([profile]), 256)
+    return solid_part(manifold3d.CrossSection([outline]).extrude(0.268) ^ rounded, teeth)
+
+
+@pytest.mark.parametrize(("teeth", "seed"), [(53, 9), (50, 2)])
+def test_few_of_many_teeth_do_not_tell_their_number(teeth: int, seed: int) -> None:
+    # They fit another number as well if the axis gives way by a fraction of a tooth.
+    found = sympose.estimate(scan(knurled_knob(teeth), "sphere", views=1, seed=seed).scene)
+    assert found.score < 0.5
+    assert any("to tell the order from" in warning for warning in found.warnings)
