@@ -11,7 +11,9 @@ use crate::estimate::Estimator;
 use crate::locate::TRACKED;
 use crate::prepare::Prepared;
 use crate::refusal::Refusal;
-use crate::remarks::{Answer, LIKE_PIECES, PIECE_APART, Remarks, closer_part_holds, remarks};
+use crate::remarks::{
+    Answer, LIKE_PIECES, PIECE_APART, Remarks, closer_part_holds, nearly_round, order_warning, remarks,
+};
 use crate::rivals::{APART, AS_WELL, another_axis};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
@@ -64,6 +66,14 @@ impl Settled {
     pub(crate) fn explained(&self) -> f64 {
         let is_found = self.detection.order == Some(self.order);
         if is_found { self.detection.explained } else { self.score.explained() }
+    }
+
+    /// Says that the surface was taken for one of revolution although some of it speaks against that, as if this had been declared.
+    pub(crate) fn taken_for_round(&mut self, explained: f64) {
+        let declared = order_warning(Order::Continuous, &self.detection);
+        self.warnings.retain(|warning| Some(warning) != declared.as_ref());
+        self.warnings.insert(0, nearly_round(explained));
+        self.ambiguous = true;
     }
 }
 

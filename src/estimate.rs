@@ -15,7 +15,7 @@ use crate::frames::{check_pose, height_over, place, plane_in_world};
 use crate::locate::Aligned;
 use crate::prepare::Prepared;
 use crate::reference::{ORIENTED, PartScan, Reference};
-use crate::remarks::misplaced_views;
+use crate::remarks::{misplaced_views, odd_sensors};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -269,7 +269,8 @@ impl Estimator {
         });
         let no_ground = self.config.ground == GroundMode::On && prepared.ground.is_none();
         let no_ground = no_ground.then(|| NO_GROUND.to_owned());
-        far.into_iter().chain(coinciding).chain(no_ground).chain(misplaced_views(prepared)).collect()
+        let views = odd_sensors(prepared).into_iter().chain(misplaced_views(prepared));
+        far.into_iter().chain(coinciding).chain(no_ground).chain(views).collect()
     }
 
     /// Match score of rotations by any angle.

@@ -23,18 +23,27 @@ pub(crate) fn place(
         axis.frame() * Isometry3::from_parts(Vector3::new(0.0, 0.0, height).into(), about_axis)
     };
     let Some(preferred) = preferred else { return (pose(heading), heading) };
-    let (steps, start) = match order {
-        Order::Cyclic(n) => (n, heading),
-        _ => {
-            // Any angle will do: turn +x as near to the preferred +x as it gets.
-            let x = axis.frame().inverse() * (preferred * Vector3::x());
-            (1, x.y.atan2(x.x))
-        }
-    };
-    let angles = (0..steps).map(|k| start + std::f64::consts::TAU * f64::from(k) / f64::from(steps));
-    let away = |angle: &f64| pose(*angle).rotation.angle_to(&preferred.rotation);
-    let nearest = angles.min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(heading);
+    let nearest = heading + nearest_turn(&pose(heading).rotation, &preferred.rotation, order);
     (pose(nearest), nearest)
+}
+
+/// The turn about z, one of the `order`, after which `rotation` comes nearest to the one that is `wanted` \[rad\].
+pub(crate) fn nearest_turn(
+    rotation: &UnitQuaternion<f64>,
+    wanted: &UnitQuaternion<f64>,
+    order: Order,
+) -> f64 {
+    let [x, y] = [wanted * Vector3::x(), wanted * Vector3::y()];
+    let axes = [rotation * Vector3::x(), rotation * Vector3::y()];
+    // The trace of wanted' rotation turn(a) is greatest at this angle.
+    let best = (axes[1].dot(&x) - axes[0].dot(&y)).atan2(axes[0].dot(&x) + axes[1].dot(&y));
+    match order {
+        Order::Cyclic(n) => {
+            let sector = std::f64::consts::TAU / f64::from(n);
+            (best / sector).round() * sector
+        }
+        _ => best,
+    }
 }
 
 /// Refuses a pose with a NaN or infinite number; `name` is the parameter that it came from.

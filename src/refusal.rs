@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use crate::error::{Error, Evidence};
 use crate::estimate::Estimator;
 use crate::prepare::Prepared;
-use crate::remarks::{PIECE_APART, lost_returns};
+use crate::remarks::{PIECE_APART, lost_returns, odd_sensors};
 use crate::symmetry::axis::Axis;
 
 /// What is said first.
@@ -45,6 +45,7 @@ impl Estimator {
         } else if self.config().roi.is_none() && best.is_some() {
             advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
         }
+        advice.extend(odd_sensors(prepared).map(|odd| format!("; {odd}")));
         let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
         advice.extend(lost.map(|lost| format!("; {lost}")));
         let evidence = match best {

@@ -261,7 +261,7 @@ fn revolution(detection: &Detection) -> Option<String> {
 }
 
 /// What the caller should know when the data says something else than the declared order.
-fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
+pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
     match (declared, detection.order) {
         (Order::Auto, _) => None,
         (declared, Some(found)) if declared == found => None,
@@ -271,8 +271,8 @@ fn order_warning(declared: Order, detection: &Detection) -> Option<String> {
             Some(format!("order {declared} was declared, but left open order {found} would have been found"))
         }
         (declared, None) => Some(format!(
-            "order {declared} was declared, but left open none would have been accepted: the best one leaves {:.0} % of \
-             the observed surface unexplained",
+            "order {declared} was declared, but nothing about this axis confirms it, or any other one: the best one leaves \
+             {:.0} % of the observed surface unexplained",
             100.0 * (1.0 - detection.explained)
         )),
     }
@@ -323,6 +323,26 @@ pub(crate) fn misplaced_views(prepared: &Prepared) -> Option<String> {
     })
 }
 
+/// Says so when a sensor stood where none does: far away, as where its unit is another one than that of the points, or inside the
+/// part.
+pub(crate) fn odd_sensors(prepared: &Prepared) -> Option<String> {
+    /// Distance from which on the part would be a speck in its picture [diameters].
+    const FAR: f64 = 100.0;
+    /// Distance up to which it is within most parts [diameters].
+    const INSIDE: f64 = 0.2;
+    let [nearest, farthest] = prepared.sensor_distances?;
+    let (distance, what) = if farthest > FAR {
+        (farthest, "far away")
+    } else if nearest < INSIDE {
+        (nearest, "inside the part")
+    } else {
+        return None;
+    };
+    Some(format!(
+        "a viewpoint lies {what}, {distance:.1} diameters from its middle: check the unit and the frame of the viewpoints"
+    ))
+}
+
 /// Says what was left out of account where an order was found in the only view as if that had lost returns in patches.
 fn patchy(score: &MatchScore) -> String {
     let [matched, contradicted, missing, _] = score.counts();
@@ -330,6 +350,15 @@ fn patchy(score: &MatchScore) -> String {
     format!(
         "ambiguous: the only view got no return from {percent:.0} % of where the symmetry has a surface, which was taken for lost: \
          the order, or that there is one, is uncertain; declare it, or add a view"
+    )
+}
+
+/// Says so when a surface of revolution was found in the only view although some of it speaks against that.
+pub(crate) fn nearly_round(explained: f64) -> String {
+    format!(
+        "ambiguous: the only view fits a surface of revolution but for {:.1} % of what it shows, which may be noise, details or \
+         another order: declare it, or add a view",
+        100.0 * (1.0 - explained)
     )
 }
 

@@ -77,10 +77,22 @@ impl<'a> Stages<'a> {
         self.diagnostics.insert(name.to_owned(), Diagnostic::Series(values.to_vec()));
     }
 
+    /// The figures so far, to go [back](Self::go_back) to where an attempt comes to nothing.
+    pub(crate) fn figures(&self) -> BTreeMap<String, Diagnostic> {
+        self.diagnostics.clone()
+    }
+
+    /// Forgets all figures but these; the time that was spent is kept.
+    pub(crate) fn go_back(&mut self, figures: BTreeMap<String, Diagnostic>) {
+        self.diagnostics = figures;
+    }
+
     /// Ends the last stage and reports that all is done; gives seconds and figures by name.
     pub(crate) fn finish(mut self) -> Result<(BTreeMap<String, f64>, BTreeMap<String, Diagnostic>)> {
         self.end();
-        self.control.report("done", 1.0)?;
+        self.check()?;
+        // Whoever was told that all is done gets it.
+        self.control.tell("done", 1.0);
         Ok((self.timings, self.diagnostics))
     }
 

@@ -302,3 +302,18 @@ fn work_stops_when_asked() {
     let late = estimator.estimate_with(&cloud, &Request { control, ..Request::default() });
     assert!(matches!(late, Err(Error::DeadlineExceeded { .. })));
 }
+
+#[test]
+fn who_was_told_that_all_is_done_gets_it() {
+    let cloud = PointCloud::from_points(knob(5, 20_000)).unwrap();
+    let token = CancelToken::default();
+    let from_inside = token.clone();
+    let control = Control::new().with_cancel(token).with_progress(move |stage, _| {
+        if stage == "done" {
+            from_inside.cancel();
+        }
+    });
+    let found =
+        Estimator::new(cyclic(5)).unwrap().estimate_with(&cloud, &Request { control, ..Request::default() });
+    assert!(found.is_ok());
+}

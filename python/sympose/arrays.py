@@ -28,8 +28,8 @@ def as_floats(value: ArrayLike, name: str) -> NDArray[np.float64]:
 def as_points(value: ArrayLike, name: str = "points") -> NDArray[np.float64]:
     """Return `value` as a float64 array of shape (N, 3) in C-order; NaN is let through.
 
-    Any real dtype, memory order, stride and read-only array is accepted and gives the same result. What a
-    masked array hides is NaN.
+    Any real dtype, memory order, stride and read-only array is accepted and gives the same result; of a
+    structured array, as ROS has it, the fields x, y and z. What a masked array hides is NaN.
 
     Raises:
         InvalidInputError: `value` is not numeric or not of shape (N, 3).
@@ -54,10 +54,14 @@ def read_only(array: NDArray[T]) -> NDArray[T]:
 
 
 def _as_real(value: ArrayLike, name: str) -> NDArray[np.generic]:
+    if not isinstance(value, np.ndarray) and callable(tensor := getattr(value, "numpy", None)):
+        value = tensor()  # of Open3D, whose tensors NumPy takes for lists of tensors
     try:
         array = np.asarray(value)
     except ValueError as error:
         raise InvalidInputError(f"{name} is not a rectangular array: {error}") from error
+    if {"x", "y", "z"} <= set(array.dtype.names or ()):
+        return np.stack([array[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     if array.dtype.kind not in "fiub":
         if hasattr(value, "points"):
             kind = type(value).__name__

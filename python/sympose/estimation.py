@@ -181,6 +181,12 @@ def _as_scene(scene: SceneLike) -> Scene:
         return read(scene)
     if not isinstance(scene, (np.ndarray, list, tuple)):
         # Open3D, PyVista and trimesh are known by what they have, so that none of them is imported.
+        if hasattr(scene, "point") and "positions" in scene.point:
+            return _of_tensors(scene.point)
+        if hasattr(scene, "geometry") and not hasattr(scene, "points"):
+            raise InvalidInputError(
+                f"scene must be a point cloud, got {type(scene).__name__}; pass one of its geometries"
+            )
         for name in ("points", "vertices"):
             if hasattr(scene, name):
                 points = as_points(getattr(scene, name), f"scene.{name}")
@@ -190,6 +196,13 @@ def _as_scene(scene: SceneLike) -> Scene:
                 # A cloud of Open3D without normals has an empty list of them.
                 return Scene(points, normals=normals if np.shape(normals) == points.shape else None)
     return Scene(as_points(cast(ArrayLike, scene), "scene"))
+
+
+def _of_tensors(attributes: Any) -> Scene:
+    """The cloud in a tensor geometry of Open3D."""
+    points = as_points(attributes["positions"], "scene.point.positions")
+    normals = as_points(attributes["normals"], "scene.point.normals") if "normals" in attributes else None
+    return Scene(points, normals=normals)
 
 
 def _has_faces(mesh: Any) -> bool:

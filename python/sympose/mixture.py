@@ -7,8 +7,9 @@ and the cut goes through a valley of it only where all of this holds:
 - The valley lies between two neighbouring components that are far apart, and is deep.
 - There is a gap: the bulk of the points on either side leaves a stretch of depth free.
 - What lies behind is a background rather than the rear of the same object. A background goes on beyond the
-  border of the image; where it does not, or where what lies in front ends inside the image, so that it may be
-  one object, the gap must be the longer, compared with the size of what lies in front.
+  border of the image; where it does not, or where what lies in front may be one object, since it ends inside
+  the image or a background was cut off before, the gap must be the longer, compared with the size of what
+  lies in front.
 - What lies on either side is more than stray points.
 """
 
@@ -95,11 +96,12 @@ class ViewMixture:
         return np.asarray(self.component_densities(depth).sum(axis=1))
 
 
-def fit_mixture(sample: DepthSample, *, max_components: int = 5) -> ViewMixture:
+def fit_mixture(sample: DepthSample, *, max_components: int = 5, again: bool = False) -> ViewMixture:
     """Fit a mixture to the depths of a view and find the cut, if there is one.
 
     The number of components, up to `max_components`, is that with the lowest Bayesian information criterion.
-    The same sample gives the same result: nothing is drawn at random.
+    The same sample gives the same result: nothing is drawn at random. With `again` a background was cut off
+    before: what is left may well be one object, even where the border of the image cuts it.
 
     Raises:
         ImportError: scikit-learn is missing.
@@ -125,7 +127,7 @@ def fit_mixture(sample: DepthSample, *, max_components: int = 5) -> ViewMixture:
         converged=bool(model.converged_),
         depths=depths,
     )
-    threshold, reason = _choose_cut(mixture, sample)
+    threshold, reason = _choose_cut(mixture, sample, again)
     return replace(mixture, threshold=threshold, reason=reason)
 
 
@@ -183,12 +185,12 @@ def _start(depths: NDArray[np.float64], components: int) -> dict[str, NDArray[An
     }
 
 
-def _choose_cut(mixture: ViewMixture, sample: DepthSample) -> tuple[float | None, str]:
+def _choose_cut(mixture: ViewMixture, sample: DepthSample, again: bool) -> tuple[float | None, str]:
     """Return the depth of the valley with the longest gap and what it is, or None and why there is no cut."""
     longest, cut = 0.0, None
     reason = "the mixture has no deep valley between two neighbouring components"
     for depth in _valleys(mixture):
-        gap, objection = _gap_at(depth, sample)
+        gap, objection = _gap_at(depth, sample, again)
         if objection:
             reason = objection
         elif gap > longest:
@@ -215,7 +217,7 @@ def _valleys(mixture: ViewMixture) -> list[float]:
     return depths
 
 
-def _gap_at(cut: float, sample: DepthSample) -> tuple[float, str]:
+def _gap_at(cut: float, sample: DepthSample, again: bool) -> tuple[float, str]:
     """Return the length of the gap about the depth `cut`, and what speaks against a cut there, if any."""
     behind = sample.depth > cut
     share = float(behind.mean())
@@ -227,7 +229,7 @@ def _gap_at(cut: float, sample: DepthSample) -> tuple[float, str]:
     gap = float(np.quantile(sample.depth[behind], _BULK[0]) - far[2])
     if not _reaches_border(sample.on_border[behind]):
         needed = _MIN_GAP_INSIDE * size
-    elif not _reaches_border(sample.on_border[~behind]):
+    elif again or not _reaches_border(sample.on_border[~behind]):
         needed = _MIN_GAP_COMPACT * size
     else:
         needed = _MIN_GAP * size

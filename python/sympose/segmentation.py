@@ -180,7 +180,7 @@ def segment_heeding(
             heed(next(steps) / total)
             # A view that saw hardly any of what was removed would fit the same again.
             if removed[sample.index].sum() > _FEW * len(sample.index):
-                mixture = fit_mixture(sample.where(mask), max_components=max_components)
+                mixture = fit_mixture(sample.where(mask), max_components=max_components, again=True)
                 if mixture.threshold is not None:
                     mixtures[k] = mixture
                     fresh.append(k)
@@ -271,7 +271,7 @@ def _check(
     for name, value, low, high in (
         ("max_components", max_components, 1, 100),
         ("min_views", 1 if min_views is None else min_views, 1, len(views)),
-        ("seed", seed, 0, np.inf),
+        ("seed", seed, 0, 2**63 - 1),
     ):
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not low <= value <= high:
             raise InvalidInputError(f"{name} must be a whole number from {low} to {high}, got {value!r}")

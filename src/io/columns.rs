@@ -1,5 +1,7 @@
 //! What the columns of a file mean: shared by the formats.
 
+use std::collections::HashSet;
+
 use super::Scan;
 
 /// Which columns hold what.
@@ -26,8 +28,8 @@ pub(super) enum Kind {
 
 /// The first name that is given twice; `_` is that of padding.
 pub(super) fn given_twice<'a>(names: &[&'a str]) -> Option<&'a str> {
-    let is_again = |(i, name): &(usize, &&str)| **name != "_" && names[..*i].contains(*name);
-    names.iter().enumerate().find(is_again).map(|(_, name)| *name)
+    let mut seen = HashSet::new();
+    names.iter().copied().find(|name| *name != "_" && !seen.insert(*name))
 }
 
 /// Finds the columns by the names that files use; case does not matter. `None`: no x, y and z.

@@ -184,18 +184,20 @@ type Reader = fn(&[u8]) -> Result<Scan, String>;
 fn recognise(start: &[u8], path: &Path) -> Result<Reader, String> {
     let suffix = suffix(path);
     let begins = String::from_utf8_lossy(&start[..start.len().min(16)]);
-    let first_words = || start.split(|b| *b == b'\n').map(|line| line.split(u8::is_ascii_whitespace).next());
+    let mut first_words = start.split(|b| *b == b'\n').map(|line| line.split(u8::is_ascii_whitespace).next());
     if start.is_empty() {
         Err("the file is empty".into())
     } else if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") {
         Ok(ply::read)
-    } else if first_words().any(|w| w == Some(b"FIELDS")) && first_words().any(|w| w == Some(b"POINTS")) {
+    } else if start.starts_with(b"# .PCD") || first_words.any(|word| word == Some(b"FIELDS")) {
         Ok(pcd::read)
     } else if suffix == "ply" || suffix == "pcd" {
         Err(format!("not a {} file; it starts with {begins:?}", suffix.to_uppercase()))
     } else if start.starts_with(b"\x93NUMPY") || start.starts_with(b"PK\x03\x04") {
         Err("a NumPy array or an archive, which only the Python package reads; convert it to PLY".into())
-    } else if !["", "xyz", "txt", "csv", "asc", "tsv"].contains(&suffix.as_str()) || start.contains(&0) {
+    } else if !["", "xyz", "xyzn", "xyzrgb", "txt", "csv", "asc", "tsv"].contains(&suffix.as_str())
+        || start.contains(&0)
+    {
         let known = "PLY, PCD, XYZ, TXT or CSV";
         Err(format!("not a point cloud of a known format ({known}); it starts with {begins:?}"))
     } else {

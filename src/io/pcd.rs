@@ -7,6 +7,7 @@ use super::columns::given_twice;
 use super::lzf;
 use super::ply::push_reals;
 use super::table::{Field, Scalar, Table, fits_f32};
+use crate::preprocess::{SensorPlaces, viewpoints_from_order};
 
 /// A column of the header: `count` numbers a point.
 struct Column {
@@ -42,10 +43,24 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
     let [x, y, z, ..] = header.viewpoint;
     // Some programs write NaN for a sensor that they know nothing of.
     let known = [x, y, z].iter().all(|coordinate| coordinate.is_finite());
-    if known && (header.viewpoint != DEFAULT_VIEWPOINT || header.height > 1) {
+    let is_given = header.viewpoint != DEFAULT_VIEWPOINT;
+    if known && (is_given || header.height > 1 && may_be_seen_from_origin(&scan.points)) {
         scan.viewpoint = Some([x, y, z]);
     }
     Ok(scan)
+}
+
+/// Whether the order of the points of an image does not tell that the sensor stood elsewhere than at the origin: programs that move
+/// an image to another frame seldom move its VIEWPOINT, too.
+fn may_be_seen_from_origin(points: &[[f64; 3]]) -> bool {
+    /// Distance from the origin that matters [distance to the points].
+    const AWAY: f64 = 0.1;
+    let norm = |p: [f64; 3]| p.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let finite: Vec<[f64; 3]> = points.iter().copied().filter(|p| p.iter().all(|x| x.is_finite())).collect();
+    let Ok(Some(SensorPlaces { places, .. })) = viewpoints_from_order(&finite) else { return true };
+    let count = finite.len() as f64;
+    let middle: [f64; 3] = std::array::from_fn(|i| finite.iter().map(|p| p[i]).sum::<f64>() / count);
+    places.iter().all(|&place| norm(place) <= AWAY * norm(std::array::from_fn(|i| middle[i] - place[i])))
 }
 
 /// Splits off the header: lines of a keyword and its values, the last of them DATA.

@@ -61,7 +61,7 @@ impl Scalar {
 
     /// Appends a written number as little-endian bytes; `None` when it is no number of this type.
     pub(super) fn encode(self, token: &str, bytes: &mut Vec<u8>) -> Option<()> {
-        let value: f64 = token.parse().ok()?;
+        let value = parse_real(token)?;
         with_type!(self, T => {
             // Reals may overflow to infinity; whole numbers must arrive unchanged.
             let stored = value as T;
@@ -72,6 +72,15 @@ impl Scalar {
         });
         Some(())
     }
+}
+
+/// A written number. Programs of Microsoft's C library write some kinds of NaN as `-nan(ind)` or `nan(snan)`.
+pub(super) fn parse_real(token: &str) -> Option<f64> {
+    let is_nan = || {
+        let bare = token.trim_start_matches(['+', '-']).to_ascii_lowercase();
+        bare.starts_with("nan(") && bare.ends_with(')')
+    };
+    token.parse().ok().or_else(|| is_nan().then_some(f64::NAN))
 }
 
 /// One number of each row: the first at byte `start`, the next `step` bytes further.

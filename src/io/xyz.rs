@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::Scan;
 use super::columns::{Kind, assemble, known_normals, list, roles, to_colors};
+use super::table::parse_real;
 
 pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
     let content = content.strip_prefix(b"\xef\xbb\xbf").unwrap_or(content);
@@ -137,10 +138,10 @@ impl<'a> Rows<'a> {
         for &column in &self.used {
             let cell = self.cells[column];
             let parsed = match self.delimiter {
-                Some(';') => cell.replace(',', ".").parse(),
-                _ => cell.parse(),
+                Some(';') => parse_real(&cell.replace(',', ".")),
+                _ => parse_real(cell),
             };
-            self.numbers.push(parsed.map_err(|_| unexpected(number, line))?);
+            self.numbers.push(parsed.ok_or_else(|| unexpected(number, line))?);
         }
         Ok(())
     }

@@ -53,10 +53,12 @@ pub(super) struct Cleaned {
     pub(super) kept: Vec<u32>,
 }
 
-/// Tells which voxels are of the part; `region` are the rows of the cloud around it, where something was cut off.
+/// Tells which voxels are of the part; `region` are the rows of the cloud around it, where something was cut off, and
+/// `is_isolated` says that what stands apart from it on its support was left out.
 pub(super) fn clean(
     part: &Scene,
     region: Option<&[u32]>,
+    is_isolated: bool,
     voxels: &Voxels,
     diameter: f64,
     config: &Config,
@@ -104,11 +106,7 @@ pub(super) fn clean(
     let on_surface = on_surfaces(&neighbors, &planes, oriented, *voxel_size, &params)?;
     let visibility = part.sight(region, grid, &on_surface, &planes.normals);
     stages.check()?;
-    // What stands apart on a support is left out already.
-    let cluster_ratio = match region {
-        Some(_) => config.outliers.cluster_ratio.min(PIECE),
-        None => config.outliers.cluster_ratio,
-    };
+    let cluster_ratio = config.outliers.cluster_ratio.min(if is_isolated { PIECE } else { f64::INFINITY });
     let visible = visibility.as_ref();
     let kept = of_part(&grid.points, on_surface, visible, *voxel_size, diameter, cluster_ratio, config)?;
     stages.number("surface_points", kept.len() as f64);

@@ -22,7 +22,7 @@ pub(super) struct Part<'a> {
     pub(super) beside: f64,
 }
 
-/// Leaves out a support of this kind and, where there is one, what stands apart from the largest thing on it.
+/// Leaves out a support of this kind and what stands apart from the largest thing on it, or a backdrop.
 pub(super) fn cut_out<'a>(
     scene: Scene<'a>,
     support: Option<Support>,
@@ -30,12 +30,17 @@ pub(super) fn cut_out<'a>(
     stages: &mut Stages,
 ) -> Result<Part<'a>> {
     let found = support.map(|support| find_under(&scene, support, config)).transpose()?.flatten();
-    let Some(Ground { plane, kept, reason, removed, .. }) = found else {
+    let Some(Ground { plane, kept, reason, removed, is_backdrop }) = found else {
         return Ok(Part { scene, ground: None, region: None, beside: 0.0 });
     };
-    stages.text("ground", &reason);
-    stages.number("ground_points", removed as f64);
+    let [reason_of, count_of] =
+        if is_backdrop { ["backdrop", "backdrop_points"] } else { ["ground", "ground_points"] };
+    stages.text(reason_of, &reason);
+    stages.number(count_of, removed as f64);
     let region = Some(scene.rows.clone());
+    if is_backdrop {
+        return Ok(Part { scene: scene.select(&kept), ground: None, region, beside: 0.0 });
+    }
     let floor = Floor::new(plane, without(&scene.points, &kept));
     let scene = scene.select(&kept);
     let (scene, beside) = match config.cluster {
@@ -58,15 +63,17 @@ pub(super) fn find_under(scene: &Scene, support: Support, config: &Config) -> Re
         find_support(&scene.points, |i| scene.viewpoint(i), &config.plane, support, config.seed)
     };
     let within = find(scene)?;
-    let Some(roi) = config.roi.filter(|_| within.is_none()) else { return Ok(within) };
+    let Some(roi) = config.roi.filter(|_| within.as_ref().is_none_or(|ground| ground.is_backdrop)) else {
+        return Ok(within);
+    };
     // A box about the part leaves so little of its support that this looks like a face of the part.
     for times in WIDER {
         let around = scene.with_surroundings(roi, times);
-        if let Some(ground) = find(&around)? {
+        if let Some(ground) = find(&around)?.filter(|ground| !ground.is_backdrop) {
             let kept = scene.shared(&around, &ground.kept);
             let removed = scene.points.len() - kept.len();
             return Ok(enough("ground", kept.len()).is_ok().then_some(Ground { kept, removed, ..ground }));
         }
     }
-    Ok(None)
+    Ok(within)
 }

@@ -60,6 +60,8 @@ pub(crate) struct Prepared {
     pub outward: bool,
     /// Mean unit direction from the part to its sensors, short when they stand all round.
     pub toward_sensors: Option<Vector3<f64>>,
+    /// Distance of the nearest and of the farthest sensor from the middle of the part, where they are known [diameters].
+    pub sensor_distances: Option<[f64; 2]>,
 }
 
 impl Prepared {
@@ -122,7 +124,7 @@ pub(crate) fn prepare(
     let voxel_size = voxels.size;
 
     stages.begin("outliers")?;
-    let cleaned = clean(&part, region.as_deref(), &voxels, diameter, config, stages)?;
+    let cleaned = clean(&part, region.as_deref(), ground.is_some(), &voxels, diameter, config, stages)?;
 
     stages.begin("normals")?;
     let patches = Patches::new(&part, voxels, &cleaned, &config.smoothing, stages);
@@ -135,6 +137,10 @@ pub(crate) fn prepare(
     let view_errors = looks.map(|looks| ViewErrors::measure(looks, &surface));
     surface.assumed_view = part.assumed_view();
     let toward_sensors = part.has_viewpoints().then(|| patches.toward_sensors(&surface.samples.points));
+    let sensor_distances = part.has_viewpoints().then(|| {
+        let distances = part.places.iter().map(|place| (place - surface.centroid).norm() / diameter);
+        distances.fold([f64::INFINITY, 0.0], |[least, most], d| [d.min(least), d.max(most)])
+    });
     let measured = patches.measured();
     let Cleaned { sparseness, visibility, .. } = cleaned;
     let supported = |visibility: Visibility| match ground {
@@ -156,6 +162,7 @@ pub(crate) fn prepare(
         view_errors,
         outward: part.has_viewpoints(),
         toward_sensors,
+        sensor_distances,
     })
 }
 

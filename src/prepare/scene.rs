@@ -226,7 +226,7 @@ impl<'a> Scene<'a> {
     /// largest of these \[share of what is kept\].
     pub(super) fn isolated(mut self, floor: &Floor, params: &OutlierParams) -> Result<(Self, f64)> {
         const LOOKS: usize = 4;
-        /// How far a piece in the air may be from what it holds to [diameters].
+        /// How far a piece in the air may be from what it holds to [extent of that].
         const ATTACHED: f64 = 0.4;
         let mut left_out: f64 = 0.0;
         for _ in 0..LOOKS {
@@ -239,7 +239,7 @@ impl<'a> Scene<'a> {
             let distance = 4.0 * cell;
             let coarse = voxel_downsample(&self.points, cell)?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
-            let largest = largest_stack(&coarse.points, &clusters, floor, distance, ATTACHED * diameter);
+            let largest = largest_stack(&coarse.points, &clusters, floor, distance, ATTACHED);
             left_out = left_out.max(largest.next);
             let belongs =
                 |i: &u32| largest.holds[clusters.labels[coarse.inverse[*i as usize] as usize] as usize];

@@ -1,5 +1,6 @@
 //! Pieces of one thing: what hangs over a gap that no camera saw into is cut off from what stands below it.
 
+use std::array;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,6 +21,10 @@ const SURROUNDED: f64 = 0.85;
 
 /// Of the cells of a footprint the share in which the support is seen, for nothing to stand there.
 const BARE: f64 = 0.5;
+
+/// A piece in the air of at least this size may be of another thing, and must be half as far from one that it holds to [the
+/// largest piece].
+const LARGE: f64 = 0.3;
 
 /// What pieces stand on.
 pub(super) struct Floor {
@@ -59,8 +64,8 @@ pub(super) struct LargestStack {
 
 /// Finds which of the `clusters` of `points` make up the largest thing on a `floor`: pieces over one another are one thing, and so
 /// is a piece that does not reach down to the floor with one that goes all round it, as spokes with their rim, or, if nothing is
-/// below it, with the nearest larger one within `reach`, as a handle with its cup. Footprints are compared in cells with this
-/// `edge` \[length\].
+/// below it, with the nearest larger one within `reach` of it [its own extent], as a handle with its cup. Footprints are compared
+/// in cells with this `edge` \[length\].
 pub(super) fn largest_stack(
     points: &[[f64; 3]],
     clusters: &Clusters,
@@ -80,9 +85,12 @@ pub(super) fn largest_stack(
     footprints.sort_unstable();
     footprints.dedup();
     let mut joined = stacks(&footprints, &hovers);
+    let extents = extents(points, labels, pieces);
     for piece in in_the_air(&footprints, &hovers, floor, edge) {
+        let is_large = sizes[piece as usize] as f64 >= LARGE * sizes[0] as f64;
+        let reach = if is_large { 0.5 * reach } else { reach };
         if joined.least(piece) == piece
-            && let Some(larger) = nearest_larger(points, labels, piece, reach)
+            && let Some(larger) = nearest_larger(points, labels, piece, |larger| reach * extents[larger])
         {
             joined.join(piece, larger);
         }
@@ -112,12 +120,33 @@ fn in_the_air(footprints: &[(Cell, u32)], hovers: &[bool], floor: &Floor, edge: 
     (1..hovers.len() as u32).filter(|&piece| hovers[piece as usize]).filter(is_bare).collect()
 }
 
-/// Of the pieces larger than `piece`, which have the lower labels, the one nearest to it, within `reach`.
-fn nearest_larger(points: &[[f64; 3]], labels: &[u32], piece: u32, reach: f64) -> Option<u32> {
+/// The longest side of the box about each of the first `pieces` clusters \[length\].
+fn extents(points: &[[f64; 3]], labels: &[u32], pieces: usize) -> Vec<f64> {
+    let mut corners = vec![([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]); pieces];
+    for (p, &label) in points.iter().zip(labels) {
+        if let Some((lower, upper)) = corners.get_mut(label as usize) {
+            (*lower, *upper) =
+                (array::from_fn(|i| lower[i].min(p[i])), array::from_fn(|i| upper[i].max(p[i])));
+        }
+    }
+    corners
+        .into_iter()
+        .map(|(lower, upper)| (0..3).map(|i| upper[i] - lower[i]).fold(0.0, f64::max))
+        .collect()
+}
+
+/// Of the pieces larger than `piece`, which have the lower labels, the one nearest to it, within the `reach` of that one.
+fn nearest_larger(
+    points: &[[f64; 3]],
+    labels: &[u32],
+    piece: u32,
+    reach: impl Fn(usize) -> f64,
+) -> Option<u32> {
     let own = points.iter().zip(labels).filter(|(_, label)| **label == piece).map(|(p, _)| *p);
     let tree = KdTree::new(&own.collect::<Vec<_>>()).ok()?;
     let larger = points.iter().zip(labels).filter(|(_, label)| **label < piece);
-    let near = larger.filter_map(|(p, label)| Some((tree.nearest_within(p, reach)?.distance_sq, *label)));
+    let near = larger
+        .filter_map(|(p, label)| Some((tree.nearest_within(p, reach(*label as usize))?.distance_sq, *label)));
     Some(near.min_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal))?.1)
 }
 
@@ -245,11 +274,11 @@ mod tests {
             let LargestStack { holds, .. } = largest_stack(&points, &clusters, &floor, 1.0, reach);
             Ok::<_, Error>(holds.into_iter().filter(|of| *of).count())
         };
-        assert_eq!(kept(3.0, 5.0, 6.0)?, 2);
+        assert_eq!(kept(3.0, 0.5, 6.0)?, 2);
         // It stands, is too far away, or hides the floor under it.
-        assert_eq!(kept(0.0, 5.0, 6.0)?, 1);
-        assert_eq!(kept(3.0, 3.0, 6.0)?, 1);
-        assert_eq!(kept(3.0, 5.0, 1.0)?, 1);
+        assert_eq!(kept(0.0, 0.5, 6.0)?, 1);
+        assert_eq!(kept(3.0, 0.3, 6.0)?, 1);
+        assert_eq!(kept(3.0, 0.5, 1.0)?, 1);
         Ok(())
     }
 }

@@ -55,6 +55,8 @@ pub struct Ground {
     pub kept: Vec<u32>,
     /// Number of points removed.
     pub removed: usize,
+    /// Whether it is a wall or a floor behind all the rest, with a gap between, on which nothing stands.
+    pub is_backdrop: bool,
     /// Why the plane was taken for a support.
     pub reason: String,
 }
@@ -66,7 +68,8 @@ const LOOKED_AT: usize = 20_000;
 ///
 /// A support is seen from above only, has nothing below it (but its own sides, with [`GroundMode::On`]), is filled nearly to its
 /// outline, reaches beyond what stands on it, and its outline has nothing to do with the symmetry of the part: it is cut off by
-/// the picture or an edge.
+/// the picture or an edge. Where it is known from where it was seen, a plane far behind all the rest that is so, too, is a
+/// backdrop, and removed like a support.
 ///
 /// `viewpoint_of` gives for a point the position it was seen from, where known; `seed` is that of the samples.
 ///
@@ -130,7 +133,7 @@ pub(crate) fn find_support(
         // Each plane is judged against everything else, other planes included.
         let Some(support) = scene.support(plane, band, params, kind) else { continue };
         // A foot in sight tells more than the size of the plane, and so does that nothing is below it: a flange has sides, too.
-        let (worth, best) = (support.worth(), (true, true));
+        let (worth, best) = (support.worth(), Found::BEST);
         if found.as_ref().is_none_or(|(most, _)| worth > most.worth()) {
             found = Some((support, band));
         }

@@ -107,9 +107,14 @@ impl Outline {
     }
 
     /// Share of its tightest bounding rectangle that the hull fills; one for a rectangle, pi / 4 for a circle.
+    ///
+    /// One side of it lies along an edge of the hull: one of the longer ones, where there are very many.
     pub(crate) fn rectangularity(&self) -> f64 {
+        const LOOKED_AT: usize = 256;
         let (area, _) = area_and_centroid(&self.corners);
-        let smallest = edges(&self.corners)
+        let mut sides: Vec<(Flat, Flat)> = edges(&self.corners).collect();
+        sides.sort_by(|(a, b), (c, d)| distance_sq(*c, *d).total_cmp(&distance_sq(*a, *b)));
+        let smallest = (sides.into_iter().take(LOOKED_AT))
             .filter_map(|(a, b)| {
                 let length = distance(a, b);
                 let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];

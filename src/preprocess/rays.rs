@@ -141,7 +141,7 @@ fn rays_from(
 
 /// Whether a view has points enough to tell their noise.
 fn shows_noise(seen: &[Vector3<f64>], k: usize) -> bool {
-    seen.len() >= ENOUGH * k.max(1)
+    seen.len() >= ENOUGH.saturating_mul(k.max(1))
 }
 
 /// The points of one view, as a picture.

@@ -79,15 +79,20 @@ pub(super) struct Found {
     outline: Outline,
     /// Whether something reaches down to it; otherwise its foot is out of sight.
     is_touched: bool,
+    /// Whether it is so far behind the rest that nothing stands on it.
+    is_backdrop: bool,
     /// Whether sides are seen below its rim.
     has_sides: bool,
     reason: String,
 }
 
 impl Found {
+    /// The largest [`Found::worth`].
+    pub(super) const BEST: [bool; 3] = [true; 3];
+
     /// The more, the sooner this is what the part stands on.
-    pub(super) fn worth(&self) -> (bool, bool) {
-        (self.is_touched, !self.has_sides)
+    pub(super) fn worth(&self) -> [bool; 3] {
+        [!self.is_backdrop, self.is_touched, !self.has_sides]
     }
 
     /// Removes the plane, `band` to either side of it, from `points`.
@@ -102,6 +107,7 @@ impl Found {
             plane: plane.coefficients(),
             removed: points.len() - kept.len(),
             kept,
+            is_backdrop: self.is_backdrop,
             reason: self.reason,
         })
     }
@@ -163,22 +169,26 @@ impl SeenPoints<'_> {
         if around.above.len() < MIN_REST || share < params.one_sided || has_sides && kind == Support::Sheet {
             return None;
         }
-        // A wall has a room before it, but what is there does not touch it.
         let gap = self.gap(&plane, &around.above);
         let is_touched = gap <= CONTACT * outline.radius();
         let things = self.flat(&axes, &around.above);
+        // A wall has a room before it, but what is there does not touch it.
+        let is_backdrop = !is_touched && gap > OVERHANG * Outline::new(&things)?.radius();
         let is_over_all = around.share_above(around.beside) >= params.one_sided;
-        if !is_touched && (gap > OVERHANG * Outline::new(&things)?.radius() || !is_over_all) {
+        if !is_touched && !is_backdrop && !is_over_all {
+            return None;
+        }
+        let is_seen = on.iter().any(|&i| self.sensors[i].is_some());
+        if is_backdrop && (!is_seen || kind == Support::Plate) {
             return None;
         }
         let free = free_directions(&outline, &things, &self.shaded(&axes, &outline, &on), params.reach);
         let is_of_the_part = || {
-            let seen = on.iter().any(|&i| self.sensors[i].is_some());
             free < params.free_directions
-                || is_face(&outline, &things, seen, params)
+                || is_face(&outline, &things, is_seen, params)
                 || self.is_uneven(&on, &plane, &axes, outline.radius())
         };
-        if kind != Support::Any && is_of_the_part() {
+        if (kind != Support::Any || is_backdrop) && is_of_the_part() {
             return None;
         }
         let reason = format!(
@@ -186,7 +196,7 @@ impl SeenPoints<'_> {
             100.0 * share,
             100.0 * free
         );
-        Some(Found { plane, axes, outline, is_touched, has_sides, reason })
+        Some(Found { plane, axes, outline, is_touched, is_backdrop, has_sides, reason })
     }
 
     fn flat(&self, axes: &PlaneAxes, indices: &[usize]) -> Vec<Flat> {

@@ -10,6 +10,7 @@ use super::sides::SidedSurface;
 use super::{Reference, reach};
 use crate::control::Control;
 use crate::error::Result;
+use crate::frames::nearest_turn;
 use crate::result::FreeDirection;
 use crate::symmetry::axis::Turn;
 use crate::symmetry::order::Order;
@@ -272,19 +273,7 @@ impl Reference {
 
     /// Of the poses that look like this one the nearest to the preferred one, or to the convention of the estimate.
     fn nearest(&self, pose: Isometry3<f64>, scan: &PartScan) -> Isometry3<f64> {
-        let wanted = wanted(scan);
-        // Turning about the axis: of all angles the best is where the x axes come closest.
-        let [x, y] = [wanted.rotation * Vector3::x(), wanted.rotation * Vector3::y()];
-        let axes = [pose.rotation * Vector3::x(), pose.rotation * Vector3::y()];
-        // The trace of wanted' R turn(a) is greatest at this angle.
-        let best = (axes[1].dot(&x) - axes[0].dot(&y)).atan2(axes[0].dot(&x) + axes[1].dot(&y));
-        let angle = match self.order() {
-            Order::Cyclic(n) => {
-                let sector = TAU / f64::from(n);
-                (best / sector).round() * sector
-            }
-            _ => best,
-        };
+        let angle = nearest_turn(&pose.rotation, &wanted(scan).rotation, self.order());
         pose * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle)
     }
 

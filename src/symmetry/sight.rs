@@ -62,6 +62,7 @@ impl<'a> Sight<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Sector {
     axis: Axis,
+    tangents: [Vector3<f64>; 2],
     /// Inward normals of its two edges, in the plane of the tangents of the axis; from angles they would be made again for
     /// every place.
     edges: [Vector2<f64>; 2],
@@ -75,7 +76,13 @@ impl Sector {
     /// The sector from the angle `start`, from the first tangent of the axis, on \[rad\].
     fn new(axis: &Axis, start: f64, width: f64, rim: f64) -> Self {
         let edge = |angle: f64| Vector2::new(-angle.sin(), angle.cos());
-        Self { axis: *axis, edges: [edge(start), -edge(start + width)], width, rim }
+        Self {
+            axis: *axis,
+            tangents: axis.tangents(),
+            edges: [edge(start), -edge(start + width)],
+            width,
+            rim,
+        }
     }
 
     /// The one sector in which no camera measured anything, where it is wider than the gaps of the part itself, which
@@ -126,8 +133,7 @@ impl Sector {
 
     /// Whether the straight way from one point to another leads through the sector.
     fn meets(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        let flat =
-            |p: &Vector3<f64>| Vector2::from(self.axis.tangents().map(|t| t.dot(&(p - self.axis.point))));
+        let flat = |p: &Vector3<f64>| Vector2::from(self.tangents.map(|t| t.dot(&(p - self.axis.point))));
         let (begin, way) = (flat(from), flat(to) - flat(from));
         // The share of the way on the inner side of both edges.
         let (mut first, mut last) = (0.0_f64, 1.0_f64);

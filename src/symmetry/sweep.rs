@@ -222,7 +222,7 @@ impl Sweep {
     }
 
     fn largest_denominator(&self) -> u32 {
-        self.fractions.last().map_or(2, |&(_, n)| n)
+        self.fractions.iter().map(|&(_, n)| n).max().unwrap_or(2)
     }
 
     /// Rows of generic angles: fractions of a large denominator, which few orders share.

@@ -329,3 +329,58 @@ def test_pcd_in_either_case_and_with_remarks(tmp_path: Path, encoding: str) -> N
     body = b"".join(rows) if encoding == "Binary" else f"# made by hand\n{text}".encode()
     (tmp_path / "cloud.pcd").write_bytes(header.encode() + body)
     np.testing.assert_array_equal(same(tmp_path / "cloud.pcd").points, POINTS)
+
+
+@pytest.mark.parametrize("written", ["-nan(ind)", "nan(snan)", "NAN(IND)"])
+def test_other_ways_to_write_nan(tmp_path: Path, written: str) -> None:
+    rows = [" ".join(map(repr, row)) for row in POINTS.tolist()]
+    rows[7] = " ".join([written] * 3)
+    body = "\n".join(rows) + "\n"
+    ply = "ply\nformat ascii 1.0\nelement vertex 60\n" + "".join(f"property double {n}\n" for n in "xyz")
+    pcd = "FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 1\nPOINTS 60\nDATA ascii\n"
+    headers = {"xyz": "", "ply": ply + "end_header\n", "pcd": pcd}
+    for suffix, header in headers.items():
+        path = tmp_path / f"cloud.{suffix}"
+        path.write_text(header + body)
+        scene = same(path)
+        assert np.isnan(scene.points[7]).all()
+        assert np.isfinite(scene.points).sum() == 3 * 59
+
+
+def test_a_pcd_header_with_many_comments(tmp_path: Path) -> None:
+    comments = "".join(f"# remark {k} {'-' * 60}\n" for k in range(100))
+    header = (
+        f"# .PCD v0.7 - Point Cloud Data file format\n{comments}VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\n"
+        "TYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 1\nPOINTS 60\nDATA binary\n"
+    )
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + POINTS.tobytes())
+    np.testing.assert_array_equal(same(tmp_path / "cloud.pcd").points, POINTS)
+
+
+@pytest.mark.parametrize("suffix", ["xyzn", "xyzrgb"])
+def test_the_text_files_of_open3d(tmp_path: Path, suffix: str) -> None:
+    columns = [POINTS, NORMALS] if suffix == "xyzn" else [POINTS, COLORS / 255.0]
+    np.savetxt(tmp_path / f"cloud.{suffix}", np.hstack(columns), fmt="%.10f")
+    scene = same(tmp_path / f"cloud.{suffix}")
+    assert (scene.normals is not None) == (suffix == "xyzn")
+    assert (scene.colors is not None) == (suffix == "xyzrgb")
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_an_image_that_was_moved_to_another_frame_does_not_stand_at_its_origin(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], moved: bool
+) -> None:
+    u, v = np.meshgrid(np.arange(80.0), np.arange(60.0))
+    depth = 2.0 + 0.2 * np.sin(0.2 * u) * np.cos(0.15 * v)
+    points = np.stack([(u - 40) / 90 * depth, (v - 30) / 90 * depth, depth], axis=-1).reshape(-1, 3)
+    points[::50] = np.nan
+    if moved:
+        points = points @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]) + [0.5, 0.2, 1.4]
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 80\nHEIGHT 60\n"
+        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 4800\nDATA binary\n"
+    )
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + points.tobytes())
+    assert (read(tmp_path / "cloud.pcd").viewpoints is None) == moved
+    assert main(["info", str(tmp_path / "cloud.pcd"), "--json"]) == 0
+    assert (json.loads(capfd.readouterr().out)["viewpoint"] is None) == moved

@@ -104,3 +104,14 @@ def test_a_half_turn_that_hides_much_is_said_to(views: int) -> None:
     found = sympose.estimate(propeller.scene)
     assert found.order == 2
     assert not any("out of sight" in warning for warning in found.warnings)
+
+
+def test_a_plate_that_does_not_help_leaves_no_trace() -> None:
+    # Of a wrong order nothing is certain, with the plate or without.
+    scene = on_plate("propeller_3", 0.05).scene
+    found = sympose.estimate(scene, order=7)
+    alone = sympose.estimate(scene, order=7, config=sympose.Config(ground="off"))
+    assert found.ground is None
+    np.testing.assert_array_equal(found.pose, alone.pose)
+    assert set(found.diagnostics) == set(alone.diagnostics)
+    assert found.diagnostics["voxel_size"] == alone.diagnostics["voxel_size"]

@@ -153,3 +153,19 @@ def test_a_yaw_that_is_a_close_decision_is_uncertain(name: str) -> None:
     apart = (np.array(yaws) - yaws[0] + 0.5 * sector) % sector - 0.5 * sector
     assert np.abs(apart).max() > 0.3
     assert np.abs(apart).max() < 4.0 * np.median(stated)
+
+
+@pytest.mark.parametrize("tilt", [0.1, 0.8, 1.4, 2.0])
+@pytest.mark.parametrize("name", ["bowl", "propeller_3"])
+def test_the_preferred_pose_is_the_nearest_though_its_axis_is_another(name: str, tilt: float) -> None:
+    seen = scan(part(name), views=3, seed=1)
+    cloud = {"scene": seen.scene.points, "viewpoints": seen.scene.viewpoints, "order": part(name).order}
+    upright = Rotation.from_matrix(sympose.estimate(**cloud).pose[:3, :3])
+    wanted = upright * Rotation.from_rotvec(tilt * np.array([0.6, 0.8, 0.0])) * Rotation.from_euler("z", 0.5)
+    prefer = np.eye(4)
+    prefer[:3, :3] = wanted.as_matrix()
+    found = Rotation.from_matrix(sympose.estimate(**cloud, prefer=prefer).pose[:3, :3])
+    angles = np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / 3.0 if name == "propeller_3" else 0.01)
+    equivalent = found * Rotation.from_euler("z", angles[:, None])
+    nearest = (equivalent.inv() * wanted).magnitude().min()
+    assert (found.inv() * wanted).magnitude() < nearest + 1e-9

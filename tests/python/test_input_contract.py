@@ -398,3 +398,40 @@ def test_with_views_too_points_that_are_not_finite_are_counted_or_refused(part: 
     assert bytes_of(found) == bytes_of(clean)
     with pytest.raises(InvalidInputError, match=f"2 of {2 + wall + len(part.points)} points"):
         sympose.estimate(holed, order=ORDER, config=Config(non_finite="error"))
+
+
+def test_fields_of_a_structured_array_are_its_coordinates(part: Part, estimate: sympose.Estimate) -> None:
+    table = np.zeros(len(part.points), dtype=[("i", "f4"), ("z", "f8"), ("y", "f8"), ("x", "f8")])
+    for axis, column in zip("xyz", part.points.T, strict=True):
+        table[axis] = column
+    found = sympose.estimate(table, order=ORDER, viewpoints=part.viewpoint)  # type: ignore[arg-type]
+    assert found.pose.tobytes() == estimate.pose.tobytes()
+    with pytest.raises(InvalidInputError, match="real numbers"):
+        sympose.estimate(table[["i", "z", "y"]])  # type: ignore[arg-type]
+
+
+def test_tensors_are_taken_like_arrays(part: Part, estimate: sympose.Estimate) -> None:
+    class Tensor:
+        def __init__(self, array: object) -> None:
+            self.numpy = lambda: array
+
+    class TensorCloud:
+        def __init__(self, positions: object) -> None:
+            self.point = {"positions": Tensor(positions)}
+
+    for scene in (Tensor(part.points), TensorCloud(part.points)):
+        found = sympose.estimate(scene, order=ORDER, viewpoints=part.viewpoint)  # type: ignore[arg-type]
+        assert found.pose.tobytes() == estimate.pose.tobytes()
+
+
+@pytest.mark.parametrize(("times", "words"), [(1000.0, "far away"), (0.0, "inside the part")])
+def test_a_viewpoint_in_another_unit_is_named(part: Part, times: float, words: str) -> None:
+    middle = part.points.mean(axis=0)
+    viewpoint = middle + times * (part.viewpoint - middle)
+    found = sympose.estimate(part.points, order=ORDER, viewpoints=viewpoint)
+    assert any(words in warning and "check the unit" in warning for warning in found.warnings)
+    try:
+        warnings = sympose.estimate(part.points, viewpoints=viewpoint).warnings
+    except sympose.NoSymmetryError as error:
+        warnings = (str(error),)
+    assert any("check the unit" in warning for warning in warnings)

@@ -113,3 +113,24 @@ def test_a_half_turn_across_a_part_that_stands_on_its_odd_end_is_doubted(order: 
     found = sympose.estimate(scanned.scene, order=order)
     assert axis_error_deg(scanned, found) < 1.0 or found.score < 0.5
     assert any("another axis" in warning for warning in found.warnings)
+
+
+def test_a_mug_whose_handle_hardly_shows_is_nearly_round() -> None:
+    # A half turn across the mug maps this view to itself, too.
+    scanned = scan(part("mug"), "table", views=1, seed=1)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == "continuous"
+    assert axis_error_deg(scanned, found) < 0.1
+    assert found.score < 0.5
+    assert any("fits a surface of revolution but for" in warning for warning in found.warnings)
+    # Nobody declared it.
+    assert not any("declared, but" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_round_part_is_round_though_returns_are_lost(seed: int) -> None:
+    scanned = scan(part("pulley"), "sphere", views=1, seed=seed, dropout=0.1)
+    found = sympose.estimate(scanned.scene)
+    assert found.order == "continuous"
+    assert axis_error_deg(scanned, found) < 0.1
+    assert found.score < 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 
 from sympose.errors import InvalidInputError
 
-__all__ = ["find_columns", "known_normals", "split_unnamed", "to_colors"]
+__all__ = ["find_columns", "known_normals", "plain_nan", "split_unnamed", "to_colors"]
+
+_ODD_NAN = re.compile(rb"nan\(\w*\)", re.IGNORECASE)
 
 # The names that files use, for each of the three columns.
 _NAMES = {
@@ -92,3 +95,8 @@ def to_colors(values: NDArray[Any] | None) -> NDArray[np.uint8] | None:
     if values.dtype.kind == "f" and top <= 1.0:
         return np.rint(values * 255.0).astype(np.uint8)
     return (values if top <= 255 else values / 257.0).astype(np.uint8)
+
+
+def plain_nan(text: bytes) -> bytes:
+    """Text with NaN as all read it: programs of Microsoft's C library write some kinds as `-nan(ind)`."""
+    return _ODD_NAN.sub(b"nan", text) if b"(" in text else text

@@ -37,7 +37,7 @@ _WRITERS: dict[str, Callable[[Path, Scene, bool], None]] = {
     ".npz": write_npz,
 }
 _BINARY_SUFFIXES = {".ply": "PLY", ".pcd": "PCD", ".npy": "NPY", ".npz": "NPZ"}
-_TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".tsv", "")
+_TEXT_SUFFIXES = (".xyz", ".xyzn", ".xyzrgb", ".txt", ".csv", ".asc", ".tsv", "")
 _NPY_START, _NPZ_START = b"\x93NUMPY", b"PK\x03\x04"
 _IMAGE_STARTS = (b"\x89PNG", b"II*\0", b"MM\0*", b"\xff\xd8\xff")
 
@@ -52,8 +52,8 @@ def read(path: str | os.PathLike[str]) -> Scene:
       `camera` element is the viewpoint unless it is the origin.
     - PCD: ascii, binary, binary_compressed. The position in VIEWPOINT is the viewpoint of all points. The
       default (0 0 0 1 0 0 0) also stands in clouds that have none, so it counts as a sensor at the origin
-      only where the cloud is organised (HEIGHT > 1), that is an image of one sensor. One that is not finite
-      is unknown.
+      only where the cloud is organised (HEIGHT > 1), that is an image of one sensor, and the order of its
+      points does not tell that this stood elsewhere. One that is not finite is unknown.
     - XYZ, TXT, CSV: see `sympose.io.table`.
     - NPY: (N, 3) points, or (N, 6) with normals or colours; of an organised cloud (H, W, 3).
     - NPZ: one array without a name, as in NPY; or keys `points`, and optionally `normals`, `colors`,
@@ -176,8 +176,8 @@ def _kind(file: Path) -> str:
     if start.startswith(_NPZ_START):
         return "NPZ"
     suffix = file.suffix.lower()
-    lines = [line.split(b" ")[0] for line in start.splitlines()]
-    if b"FIELDS" in lines and b"POINTS" in lines:
+    first_words = [line.split()[:1] for line in start.splitlines()]
+    if start.startswith(b"# .PCD") or [b"FIELDS"] in first_words:
         return "PCD"
     if suffix in _BINARY_SUFFIXES:
         raise InvalidInputError(

@@ -9,14 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sympose._core import viewpoints_from_order
+from sympose.arrays import as_points
 from sympose.errors import InvalidInputError
-from sympose.io.columns import find_columns, known_normals, to_colors
+from sympose.io.columns import find_columns, known_normals, plain_nan, to_colors
 from sympose.scene import Scene
 
 if TYPE_CHECKING:
     from pypcd4 import PointCloud  # type: ignore[attr-defined]
 
 __all__ = ["read_pcd", "write_pcd"]
+
+_AWAY = 0.1  # distance of a sensor from the origin that matters, as a share of that to the points
 
 
 def read_pcd(path: Path) -> Scene:
@@ -38,12 +42,16 @@ def read_pcd(path: Path) -> Scene:
         raise InvalidInputError(f"{path}: the PCD file has no x y z, only {table.dtype.names}")
     columns = {part: np.stack([table[name] for name in names], axis=1) for part, names in found.items()}
     *position, qw, qx, qy, qz = header.viewpoint
-    default = not any(position) and (qw, qx, qy, qz) == (1.0, 0.0, 0.0, 0.0)
+    is_default = not any(position) and (qw, qx, qy, qz) == (1.0, 0.0, 0.0, 0.0)
+    if is_default and header.height > 1:
+        is_known = _may_be_seen_from_origin(columns["points"])
+    else:
+        is_known = not is_default and bool(np.isfinite(position).all())
     return Scene(
         columns["points"],
         _packed_colors(cloud) if "colors" not in columns else to_colors(columns["colors"]),
         known_normals(columns.get("normals")),
-        None if (default and header.height == 1) or not np.isfinite(position).all() else position,
+        position if is_known else None,
         name=path.name,
     )
 
@@ -91,8 +99,21 @@ def _plain(content: bytes, path: Path) -> bytes:
     if not any(line.startswith(b"COUNT") for line in kept):
         kept.insert(-1, b"COUNT" + b" 1" * (len(fields.split()) - 1))
     if header[-1].split()[-1] == b"ascii":
-        rest = b"\n".join(b" ".join(line.split()) for line in rest.splitlines())
+        rest = plain_nan(b"\n".join(b" ".join(line.split()) for line in rest.splitlines()))
     return b"\n".join(kept) + b"\n" + rest
+
+
+def _may_be_seen_from_origin(points: NDArray[Any]) -> bool:
+    """Whether the order of the points of an image does not tell that the sensor stood elsewhere.
+
+    Programs that move an image to another frame seldom move its VIEWPOINT, too.
+    """
+    finite = as_points(points[np.isfinite(points).all(axis=1)])
+    places = viewpoints_from_order(finite) if len(finite) else None
+    if places is None:
+        return True
+    far = np.linalg.norm(finite.mean(axis=0) - places, axis=1)
+    return bool((np.linalg.norm(places, axis=1) <= _AWAY * far).all())
 
 
 def _packed_colors(cloud: PointCloud) -> NDArray[np.uint8] | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sympose.errors import InvalidInputError
-from sympose.io.columns import find_columns, known_normals, to_colors
+from sympose.io.columns import find_columns, known_normals, plain_nan, to_colors
 from sympose.scene import MeshVertices, Scene
 
 if TYPE_CHECKING:
@@ -70,14 +70,15 @@ def write_ply(path: Path, scene: Scene, single: bool) -> None:
 
 
 def _in_ascii(path: Path) -> str | io.BytesIO:
-    """The file, its header without the other letters that comments may have, which plyfile refuses."""
+    """The file, without what plyfile refuses: other letters in its header, and odd kinds of NaN."""
     with path.open("rb") as file:
         header = file.read(65536).partition(b"end_header")[0]
-    if header.isascii():
+    is_text = b"format ascii" in header
+    if header.isascii() and not is_text:
         return str(path)
-    content = path.read_bytes()
+    body = path.read_bytes()[len(header) :]
     plain = header.decode("ascii", "replace").replace("\N{REPLACEMENT CHARACTER}", "?").encode()
-    return io.BytesIO(plain + content[len(header) :])
+    return io.BytesIO(plain + (plain_nan(body) if is_text else body))
 
 
 def _viewpoint(ply: PlyData) -> NDArray[np.float64] | None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sympose.errors import InvalidInputError
-from sympose.io.columns import find_columns, known_normals, split_unnamed, to_colors
+from sympose.io.columns import find_columns, known_normals, plain_nan, split_unnamed, to_colors
 from sympose.scene import Scene
 
 __all__ = ["read_table", "write_csv", "write_xyz"]
@@ -31,7 +31,7 @@ def read_table(path: Path) -> Scene:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InvalidInputError(f"{path}: not a text file (it is not UTF-8: {error.reason})") from error
-    layout, rows = _split_header(text, path)
+    layout, rows = _split_header(plain_nan(text.encode()).decode(), path)
     names = layout.names
     if names is None:
         columns = split_unnamed(_numbers(rows, layout, range(layout.width), path), str(path))

@@ -1,0 +1,79 @@
+"""Parts that hang before a wall, or are held over a floor: plain clouds, without a region of interest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import sympose
+from sympose.camera import View
+from sympose.datasets import DEPTH_CAMERA, part, render
+
+
+def before_a_wall(
+    name: str, away: float, tilt: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Points of one view of a part and of a wall so far behind it; its axis, and which points are its own."""
+    camera = DEPTH_CAMERA
+    rng = np.random.default_rng(1)
+    world_from_object = np.eye(4)
+    world_from_object[:3, :3] = Rotation.from_rotvec([2.4, 0.7, 0.0]).as_matrix()
+    world_from_object[:3, 3] = [0.0, 0.0, 2.2]
+    mesh = part(name).mesh.copy().apply_transform(world_from_object)
+    depth = render(mesh, View(camera, np.eye(4)), rng).depth
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
+    normal = Rotation.from_rotvec([tilt, 0.0, 0.0]).apply([0.0, 0.0, 1.0])
+    wall = ((mesh.vertices @ normal).max() + away) / (rays @ normal) + rng.normal(0.0, 0.002, u.shape)
+    is_part = np.isfinite(depth)
+    points = rays * np.where(is_part, depth, wall)[..., None]
+    return points.reshape(-1, 3), world_from_object[:3, :3] @ part(name).axis, is_part.ravel()
+
+
+def angle_deg(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(np.degrees(np.arccos(min(1.0, abs(a @ b)))))
+
+
+@pytest.mark.parametrize("name", ["propeller_2", "impeller_7", "wheel_hub_5"])
+@pytest.mark.parametrize(("away", "tilt"), [(0.8, 0.0), (1.5, 0.4)])
+def test_a_wall_behind_a_part_is_left_out(name: str, away: float, tilt: float) -> None:
+    points, axis, is_part = before_a_wall(name, away, tilt)
+    found = sympose.estimate(points, viewpoints=[0.0, 0.0, 0.0], order=part(name).order)
+    assert angle_deg(found.axis, axis) < 0.5
+    assert found.score > 0.8
+    assert is_part[found.inliers].all()
+    assert len(found.inliers) > 0.95 * is_part.sum()
+    # Nothing stands on it.
+    assert found.ground is None
+    assert found.diagnostics["backdrop_points"] > 0.9 * (~is_part).sum()
+
+
+def test_without_a_viewpoint_the_order_of_the_points_tells_it() -> None:
+    points, axis, is_part = before_a_wall("wheel_hub_5", 1.0)
+    found = sympose.estimate(points, order=5)
+    assert angle_deg(found.axis, axis) < 0.5
+    assert is_part[found.inliers].all()
+
+
+def test_the_wall_tells_what_is_empty() -> None:
+    # The gaps between the blades are seen to be empty only by the rays that go on to the wall.
+    points, axis, _ = before_a_wall("propeller_3", 1.0)
+    found = sympose.estimate(points, viewpoints=[0.0, 0.0, 0.0])
+    assert found.order == 3
+    assert angle_deg(found.axis, axis) < 0.5
+    assert found.score > 0.8
+
+
+def test_ground_on_says_that_nothing_stands_on_a_wall() -> None:
+    points, axis, _ = before_a_wall("wheel_hub_5", 1.0)
+    config = sympose.Config(ground="on")
+    found = sympose.estimate(points, viewpoints=[0.0, 0.0, 0.0], order=5, config=config)
+    assert angle_deg(found.axis, axis) < 0.5
+    assert any('ground = "on"' in warning for warning in found.warnings)
+    # Off is off.
+    off = sympose.estimate(
+        points, viewpoints=[0.0, 0.0, 0.0], order=5, config=sympose.Config(ground="off", cluster="off")
+    )
+    assert off.score < 0.5
