@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::{Config, GroundMode};
+use crate::config::{Config, GroundMode, Origin};
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::frames::{check_pose, height_over, place, plane_in_world};
@@ -224,7 +224,10 @@ impl Estimator {
         let completion = complete(&refined.points, &axis, *order, prepared.voxel_size).map_err(of_voxels)?;
 
         stages.begin("orient")?;
+        // A part that leans, or hangs over its support, does not end where its axis meets that.
+        let stands = ground_normal.is_some_and(|normal| normal.dot(&axis.direction).abs() > UPRIGHT);
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
+        let base = base.filter(|_| stands || self.config.origin == Origin::Base);
         // Neither keeps both threads of a small machine busy.
         let ((origin, heading), (pace, common)) = rayon::join(
             || {
@@ -352,6 +355,9 @@ const NO_GROUND: &str =
 
 /// Where the surface fits itself about any axis near the one that was found.
 const NO_AXIS: &str = "ambiguous: the surface leaves the axis free, as a ball does";
+
+/// Cosine between the axis of a part and the normal of its support from which on it stands there: up to 3 degrees.
+const UPRIGHT: f64 = 0.9986;
 
 /// Points from which sign, origin and heading are taken.
 const FRAMING: usize = 60_000;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -77,3 +78,42 @@ def test_ground_on_says_that_nothing_stands_on_a_wall() -> None:
         points, viewpoints=[0.0, 0.0, 0.0], order=5, config=sympose.Config(ground="off", cluster="off")
     )
     assert off.score < 0.5
+
+
+@pytest.mark.parametrize("name", ["impeller_9", "flange_8"])
+def test_a_part_that_hangs_askew_before_a_wall_does_not_end_there(name: str) -> None:
+    # Near enough for its foot to be out of sight, if it were on a table.
+    points, axis, is_part = before_a_wall(name, 0.2, 0.5)
+    order = part(name).order
+    found = sympose.estimate(points, viewpoints=[0.0, 0.0, 0.0], order=order)
+    alone = sympose.estimate(points[is_part], viewpoints=[0.0, 0.0, 0.0], order=order)
+    assert is_part[found.inliers].all()
+    assert angle_deg(found.axis, axis) < 0.1
+    assert abs((found.center - alone.center) @ axis) < 0.02
+
+
+@pytest.mark.parametrize("name", ["propeller_3", "wheel_hub_6"])
+def test_several_views_before_a_wall(name: str) -> None:
+    one = part(name)
+    turn = Rotation.from_rotvec([0.4, 0.2, 0.0])
+    mesh = one.mesh.copy()
+    mesh.apply_transform(
+        np.block([[turn.as_matrix(), np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+    )
+    wall = trimesh.creation.box([9.0, 9.0, 0.1]).apply_translation([0.0, 0.0, -1.7])
+    scene = trimesh.util.concatenate([mesh, wall])
+    points, viewpoints = [], []
+    for k, (aside, up) in enumerate([(-0.7, 0.3), (0.6, 0.5), (0.1, -0.7)]):
+        world_from_camera = np.eye(4)
+        looks = Rotation.from_euler("yx", [aside, up]).as_matrix() @ np.diag([1.0, -1.0, -1.0])
+        world_from_camera[:3, :3] = looks
+        world_from_camera[:3, 3] = -2.4 * looks[:, 2]
+        image = render(scene, View(DEPTH_CAMERA, world_from_camera), np.random.default_rng(k))
+        points.append(image.points())
+        viewpoints.append(np.broadcast_to(world_from_camera[:3, 3], points[-1].shape))
+    found = sympose.estimate(np.concatenate(points), viewpoints=np.concatenate(viewpoints))
+    assert found.order == one.order
+    assert angle_deg(found.axis, turn.apply(one.axis)) < 0.1
+    assert found.score > 0.8
+    assert found.ground is None
+    assert np.ptp(found.completed, axis=0).max() < 1.1
