@@ -7,7 +7,7 @@ use crate::cloud::PointCloud;
 use crate::config::{Config, GroundMode, TrackingParams};
 use crate::error::{Error, Result};
 use crate::estimate::Estimator;
-use crate::prepare::{Prepared, find_plate, prepare};
+use crate::prepare::{LeftOut, Prepared, find_plate, has_background, prepare};
 use crate::preprocess::Support;
 use crate::result::Estimate;
 use crate::rivals::APART;
@@ -35,6 +35,10 @@ const OFF_PLATE: &str = "the part was taken to stand on a plate, which was left 
 const ON_PLATE: &str =
     "if what stands on the plate is the part, set ground = \"on\", which leaves the plate out";
 
+/// Remark where the whole has no symmetry, but what stands free before a background has.
+const BEFORE_BACKGROUND: &str = "the part was taken to stand free before what the border of the view shows, which was left out: \
+                                 nothing fits with it; set roi if the part is another thing";
+
 /// A surface with the axis that was found for it, and the axes that a search considered.
 pub(crate) struct Aligned {
     pub(crate) prepared: Prepared,
@@ -58,7 +62,17 @@ impl Estimator {
     /// The part in a cloud, about the best axis that the search finds.
     pub(crate) fn search(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
         let prepared = self.prepare(cloud, self.support(), None, stages)?;
-        self.search_despite_gaps(prepared, cloud, stages)
+        self.search_from(prepared, cloud, stages)
+    }
+
+    /// The part in what is left of a cloud; where that does not fit, in what stands free before a background.
+    fn search_from(&self, prepared: Prepared, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
+        let whole = self.search_despite_gaps(prepared, cloud, stages);
+        if !is_unfit(&whole) || !has_background(cloud, self.config())? {
+            return whole;
+        }
+        let left_out = LeftOut { background: true, ..self.support() };
+        self.attempt(cloud, left_out, BEFORE_BACKGROUND, stages)?.map_or(whole, Ok)
     }
 
     /// The part in what is left of a cloud; where no order holds in the only view, as if that had lost returns in patches.
@@ -89,18 +103,15 @@ impl Estimator {
     ) -> Result<Aligned> {
         let may_be_fixed = self.may_be_fixed(&prepared);
         let mut whole = self.search_on(prepared, stages);
-        let fits = match &whole {
-            Ok(aligned) => !aligned.is_doubtful() && !aligned.is_unexplained(),
-            Err(error) => !matches!(error, Error::NoSymmetry { .. }),
-        };
-        if fits || !may_be_fixed {
+        if !is_unfit(&whole) || !may_be_fixed {
             return whole;
         }
         let Some(plate) = find_plate(cloud, self.config())? else { return whole };
+        let off_plate = LeftOut { support: Some(Support::Plate), background: false };
         // Together with a plate that it is fixed to, hardly a part is symmetric.
         if plate.is_seen_from_above
             && whole.as_ref().map_or(true, Aligned::is_unexplained)
-            && let Some(aligned) = self.search_off_plate(cloud, stages)?
+            && let Some(aligned) = self.attempt(cloud, off_plate, OFF_PLATE, stages)?
         {
             return Ok(aligned);
         }
@@ -112,16 +123,22 @@ impl Estimator {
         whole
     }
 
-    /// What stands on the plate; `None` where that is no certain answer either.
-    fn search_off_plate(&self, cloud: &PointCloud, stages: &mut Stages) -> Result<Option<Aligned>> {
+    /// The part without what is `left_out`, with a remark on that; `None` where this is no certain answer either.
+    fn attempt(
+        &self,
+        cloud: &PointCloud,
+        left_out: LeftOut,
+        remark: &str,
+        stages: &mut Stages,
+    ) -> Result<Option<Aligned>> {
         let figures = stages.figures();
-        let prepared = self.prepare(cloud, Some(Support::Plate), None, stages);
+        let prepared = self.prepare(cloud, left_out, None, stages);
         let found = match prepared.and_then(|prepared| self.search_on(prepared, stages)) {
             Ok(mut aligned) => {
                 // Round bosses and holes of two-fold outline are on many a part without symmetry.
                 let is_telling =
                     self.config().order != Order::Auto || matches!(aligned.settled.order, Order::Cyclic(3..));
-                aligned.settled.warnings.push(OFF_PLATE.to_owned());
+                aligned.settled.warnings.push(remark.to_owned());
                 let holds = is_telling && !aligned.is_doubtful() && !aligned.is_unexplained();
                 holds.then_some(aligned)
             }
@@ -163,7 +180,7 @@ impl Estimator {
             Ok(tracked) => Ok(tracked),
             Err(prepared) => {
                 stages.text("tracking", "lost: searched again");
-                self.search_despite_gaps(prepared, cloud, stages)
+                self.search_from(prepared, cloud, stages)
             }
         }
     }
@@ -285,19 +302,27 @@ impl Estimator {
         Ok((candidates, settled))
     }
 
-    /// What the part is taken to stand on in the first place.
-    fn support(&self) -> Option<Support> {
-        Support::sought(self.config().ground)
+    /// What is left out in the first place: what the part is taken to stand on.
+    fn support(&self) -> LeftOut {
+        LeftOut { support: Support::sought(self.config().ground), background: false }
     }
 
     fn prepare(
         &self,
         cloud: &PointCloud,
-        support: Option<Support>,
+        left_out: LeftOut,
         tracking: Option<&TrackingParams>,
         stages: &mut Stages,
     ) -> Result<Prepared> {
         stages.begin("input")?;
-        prepare(cloud, self.config(), support, tracking, stages)
+        prepare(cloud, self.config(), left_out, tracking, stages)
+    }
+}
+
+/// Whether nothing was found, or nothing to act on.
+fn is_unfit(found: &Result<Aligned>) -> bool {
+    match found {
+        Ok(aligned) => aligned.is_doubtful() || aligned.is_unexplained(),
+        Err(error) => matches!(error, Error::NoSymmetry { .. }),
     }
 }

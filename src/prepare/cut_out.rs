@@ -1,5 +1,7 @@
 //! The part, cut out of the scene: the plane that it stands on is found, and what else stands there is left out.
 
+use super::LeftOut;
+use super::foreground::foreground;
 use super::scene::{Scene, enough};
 use super::stacks::Floor;
 use crate::config::{ClusterMode, Config};
@@ -25,10 +27,17 @@ pub(super) struct Part<'a> {
 /// Leaves out a support of this kind and what stands apart from the largest thing on it, or a backdrop.
 pub(super) fn cut_out<'a>(
     scene: Scene<'a>,
-    support: Option<Support>,
+    left_out: LeftOut,
     config: &Config,
     stages: &mut Stages,
 ) -> Result<Part<'a>> {
+    let LeftOut { support, background } = left_out;
+    if background && let Some(kept) = foreground(&scene, config.outliers.cluster_distance)? {
+        let region = Some(scene.rows.clone());
+        stages.number("background_points", (scene.rows.len() - kept.len()) as f64);
+        let part = cut_out(scene.select(&kept), LeftOut { background: false, ..left_out }, config, stages)?;
+        return Ok(Part { region, ..part });
+    }
     let found = support.map(|support| find_under(&scene, support, config)).transpose()?.flatten();
     let Some(Ground { plane, kept, reason, removed, is_backdrop }) = found else {
         return Ok(Part { scene, ground: None, region: None, beside: 0.0 });

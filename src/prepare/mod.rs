@@ -2,6 +2,7 @@
 
 mod clean;
 mod cut_out;
+mod foreground;
 mod gaps;
 mod patches;
 mod resolution;
@@ -25,6 +26,7 @@ use crate::symmetry::view_errors::ViewErrors;
 use crate::symmetry::visibility::Visibility;
 use clean::{Cleaned, clean};
 use cut_out::{Part, cut_out, find_under};
+use foreground::foreground;
 use patches::Patches;
 use resolution::width;
 use scene::{Scene, enough};
@@ -100,11 +102,20 @@ impl Prepared {
 /// Depth below the support plane from which on nothing can be of the part [diameters]; rough axes bring right points there.
 const SUNK: f64 = 0.03;
 
-/// Runs all stages before the search for the axis, on what stands on a `support` of this kind; with `tracking` on fewer points.
+/// What is left out of a scene before the part is looked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LeftOut {
+    /// What the part stands on.
+    pub support: Option<Support>,
+    /// What the border of the view shows, where something stands free before it.
+    pub background: bool,
+}
+
+/// Runs all stages before the search for the axis on what is not `left_out`; with `tracking` on fewer points.
 pub(crate) fn prepare(
     cloud: &PointCloud,
     config: &Config,
-    support: Option<Support>,
+    left_out: LeftOut,
     tracking: Option<&TrackingParams>,
     stages: &mut Stages,
 ) -> Result<Prepared> {
@@ -112,7 +123,7 @@ pub(crate) fn prepare(
     let scene = Scene::new(cloud, config)?;
 
     stages.begin("ground")?;
-    let Part { scene: mut part, ground, mut region, beside } = cut_out(scene, support, config, stages)?;
+    let Part { scene: mut part, ground, mut region, beside } = cut_out(scene, left_out, config, stages)?;
     if let Some(TrackingParams { points, .. }) = tracking {
         part = part.thinned(*points, &mut region);
     }
@@ -164,6 +175,12 @@ pub(crate) fn prepare(
         toward_sensors,
         sensor_distances,
     })
+}
+
+/// Whether something stands free before a background that fills the border of the view.
+pub(crate) fn has_background(cloud: &PointCloud, config: &Config) -> Result<bool> {
+    let scene = Scene::new(cloud, config)?;
+    Ok(foreground(&scene, config.outliers.cluster_distance)?.is_some())
 }
 
 /// The plate, with its sides in sight, that the part may be fixed to.
