@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::{Config, GroundMode, TrackingParams};
+use crate::config::{ClusterMode, Config, GroundMode, TrackingParams};
 use crate::error::{Error, Result};
 use crate::estimate::Estimator;
 use crate::prepare::{LeftOut, Prepared, find_plate, has_background, prepare};
@@ -68,7 +68,8 @@ impl Estimator {
     /// The part in what is left of a cloud; where that does not fit, in what stands free before a background.
     fn search_from(&self, prepared: Prepared, cloud: &PointCloud, stages: &mut Stages) -> Result<Aligned> {
         let whole = self.search_despite_gaps(prepared, cloud, stages);
-        if !is_unfit(&whole) || !has_background(cloud, self.config())? {
+        let may_be_apart = self.config().cluster == ClusterMode::Main;
+        if !may_be_apart || !is_unfit(&whole) || !has_background(cloud, self.config())? {
             return whole;
         }
         let left_out = LeftOut { background: true, ..self.support() };

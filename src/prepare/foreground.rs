@@ -1,5 +1,7 @@
 //! What stands free before a background that fills the border of the view: a room, or clutter behind the part.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -7,6 +9,7 @@ use super::resolution::width;
 use super::scene::Scene;
 use crate::directions::tangents;
 use crate::error::Result;
+use crate::preprocess::outline::{Flat, Outline};
 use crate::preprocess::{CHUNK, ClusterParams, Clusters, main_cluster, sure_cell, voxel_downsample};
 use crate::spatial::KdTree;
 
@@ -18,6 +21,10 @@ const FREE: f64 = 0.2;
 
 /// Share of the border that the background must make up.
 const AROUND: f64 = 0.6;
+
+/// Share of the field of view in which something was measured, from which on a background fills it: between the pieces of a part
+/// alone nothing was.
+const FILLED: f64 = 0.85;
 
 /// Share of the points that a free piece must have.
 const LEAST: f64 = 0.01;
@@ -40,7 +47,10 @@ pub(super) fn foreground(scene: &Scene, gap: f64) -> Result<Option<Vec<u32>>> {
     let piece_of = |i: usize| pieces.labels[coarse.inverse[i] as usize] as usize;
     let mut counts = vec![0_usize; pieces.sizes.len()];
     (0..scene.points.len()).for_each(|i| counts[piece_of(i)] += 1);
-    let shares = shares_of_border(scene, piece_of, counts.len());
+    let Border { shares, filled } = Border::new(scene, piece_of, counts.len());
+    if filled < FILLED {
+        return Ok(None);
+    }
     let is_free = |piece: usize| shares[piece] <= FREE;
     let around: f64 = shares.iter().filter(|share| **share > FREE).sum();
     let least = LEAST * scene.points.len() as f64;
@@ -65,40 +75,80 @@ pub(super) fn foreground(scene: &Scene, gap: f64) -> Result<Option<Vec<u32>>> {
     Ok(Some(kept.map(|i| i as u32).collect()))
 }
 
-/// For each of the pieces the share of the border of the fields of view that it makes up.
-fn shares_of_border(scene: &Scene, piece_of: impl Fn(usize) -> usize, pieces: usize) -> Vec<f64> {
-    let mut of_place: Vec<Vec<u32>> = vec![Vec::new(); scene.places.len()];
-    (0..scene.points.len()).for_each(|i| of_place[scene.place_of(i)].push(i as u32));
-    let mut shares = vec![0.0; pieces];
-    let mut all = 0.0;
-    for (place, members) in scene.places.iter().zip(&of_place) {
-        let ray = |&i: &u32| Vector3::from(scene.points[i as usize]) - place;
-        let Some(forward) = members.iter().map(ray).sum::<Vector3<f64>>().try_normalize(0.0) else {
-            continue;
-        };
-        let axes = tangents(&forward);
-        // The farthest from the middle in each sector, and the piece that it is of.
-        let mut border = [(0.0_f64, None); SECTORS];
-        for i in members {
-            let ray = ray(i);
-            let depth = ray.dot(&forward);
-            if depth <= 0.0 {
-                continue;
+/// What the fields of view show.
+struct Border {
+    /// For each piece the share of the border that it makes up.
+    shares: Vec<f64>,
+    /// Share of the fields in which something was measured.
+    filled: f64,
+}
+
+impl Border {
+    fn new(scene: &Scene, piece_of: impl Fn(usize) -> usize, pieces: usize) -> Self {
+        let mut of_place: Vec<Vec<u32>> = vec![Vec::new(); scene.places.len()];
+        (0..scene.points.len()).for_each(|i| of_place[scene.place_of(i)].push(i as u32));
+        let mut shares = vec![0.0; pieces];
+        let [mut sectors, mut cells, mut filled] = [0.0, 0.0, 0.0];
+        for (place, members) in scene.places.iter().zip(&of_place) {
+            let ray = |i: u32| Vector3::from(scene.points[i as usize]) - place;
+            let middle: Vector3<f64> = members.iter().map(|&i| ray(i)).sum();
+            let Some(forward) = middle.try_normalize(0.0) else { continue };
+            let axes = tangents(&forward);
+            let slopes = |i: u32| {
+                let ray = ray(i);
+                let depth = ray.dot(&forward);
+                (depth > 0.05 * ray.norm()).then(|| axes.map(|axis| axis.dot(&ray) / depth))
+            };
+            let seen: Vec<(Flat, usize)> =
+                members.iter().filter_map(|&i| Some((slopes(i)?, piece_of(i as usize)))).collect();
+            for piece in outermost(&seen) {
+                shares[piece] += 1.0;
+                sectors += 1.0;
             }
-            let [x, y] = axes.map(|axis| axis.dot(&ray) / depth);
-            let sector = (y.atan2(x).rem_euclid(std::f64::consts::TAU) / std::f64::consts::TAU
-                * SECTORS as f64) as usize
-                % SECTORS;
-            if x.hypot(y) > border[sector].0 {
-                border[sector] = (x.hypot(y), Some(piece_of(*i as usize)));
-            }
+            let [of_field, with_points] = filled_cells(&seen);
+            cells += of_field;
+            filled += with_points;
         }
-        for piece in border.iter().filter_map(|(_, piece)| *piece) {
-            shares[piece] += 1.0;
-            all += 1.0;
+        shares.iter_mut().for_each(|share| *share /= f64::max(sectors, 1.0));
+        Self { shares, filled: filled / f64::max(cells, 1.0) }
+    }
+}
+
+/// For each sector of a field of view the piece that is farthest from its middle.
+fn outermost(seen: &[(Flat, usize)]) -> impl Iterator<Item = usize> {
+    let mut border = [(0.0_f64, None); SECTORS];
+    for &([x, y], piece) in seen {
+        let turn = (y.atan2(x) / TAU).rem_euclid(1.0);
+        let sector = (turn * SECTORS as f64) as usize % SECTORS;
+        if x.hypot(y) > border[sector].0 {
+            border[sector] = (x.hypot(y), Some(piece));
         }
     }
-    shares.into_iter().map(|share| share / f64::max(all, 1.0)).collect()
+    border.into_iter().filter_map(|(_, piece)| piece)
+}
+
+/// Cells of a field of view, and of those how many have a point.
+fn filled_cells(seen: &[(Flat, usize)]) -> [f64; 2] {
+    /// Cells along either side of the box about it.
+    const CELLS: usize = 32;
+    let flat: Vec<Flat> = seen.iter().map(|(place, _)| *place).collect();
+    let Some(outline) = Outline::new(&flat) else { return [0.0; 2] };
+    let (lower, upper) =
+        flat.iter().fold(([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]), |(lower, upper), p| {
+            ([0, 1].map(|i| lower[i].min(p[i])), [0, 1].map(|i| upper[i].max(p[i])))
+        });
+    let edges = [0, 1].map(|i| (upper[i] - lower[i]) / CELLS as f64);
+    let mut has_point = vec![false; CELLS * CELLS];
+    for p in &flat {
+        let [column, row] = [0, 1].map(|i| (((p[i] - lower[i]) / edges[i]) as usize).min(CELLS - 1));
+        has_point[row * CELLS + column] = true;
+    }
+    let middle = |cell: usize| {
+        let at = [cell % CELLS, cell / CELLS];
+        [0, 1].map(|i| lower[i] + (at[i] as f64 + 0.5) * edges[i])
+    };
+    let within = (0..CELLS * CELLS).filter(|&cell| outline.contains(middle(cell), 0.0));
+    within.fold([0.0; 2], |[all, filled], cell| [all + 1.0, filled + f64::from(u8::from(has_point[cell]))])
 }
 
 /// Whether a `piece` is at least so far from all that is not free.

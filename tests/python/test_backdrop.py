@@ -117,3 +117,26 @@ def test_several_views_before_a_wall(name: str) -> None:
     assert found.score > 0.8
     assert found.ground is None
     assert np.ptp(found.completed, axis=0).max() < 1.1
+
+
+@pytest.mark.parametrize("name", ["impeller_7", "flange_8"])
+def test_a_part_held_in_the_corner_of_a_room(name: str) -> None:
+    one = part(name)
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_rotvec([0.3, 0.8, 0.0]).as_matrix()
+    mesh = one.mesh.copy().apply_transform(turned)
+    floor = trimesh.creation.box([12.0, 12.0, 0.1]).apply_translation([0.0, 0.0, -1.4])
+    wall = trimesh.creation.box([0.1, 12.0, 12.0]).apply_translation([-1.6, 0.0, 3.0])
+    looks = np.array([[0.0, 0.35, -0.94], [1.0, 0.0, 0.0], [0.0, -0.94, -0.35]])
+    looks, _ = np.linalg.qr(looks)
+    looks[:, 2] *= np.sign(looks[0, 2]) * -1.0
+    looks[:, 0] *= np.sign(np.linalg.det(looks))
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = looks
+    world_from_camera[:3, 3] = -2.2 * looks[:, 2]
+    scene = trimesh.util.concatenate([mesh, floor, wall])
+    points = render(scene, View(DEPTH_CAMERA, world_from_camera), np.random.default_rng(1)).points()
+    found = sympose.estimate(points, viewpoints=world_from_camera[:3, 3], order=one.order)
+    assert angle_deg(found.axis, turned[:3, :3] @ one.axis) < 0.1
+    assert found.score > 0.7
+    assert np.ptp(found.completed, axis=0).max() < 1.1
