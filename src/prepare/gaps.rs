@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::directions::{GOLDEN_ANGLE, tangents};
+use crate::directions::tangents;
 use crate::median::median;
 use crate::spatial::KdTree;
 
@@ -42,7 +42,8 @@ impl Gaps {
         let step = points.len().div_ceil(LOOKED_AT).max(1);
         let looked_at: Vec<usize> = (0..points.len()).step_by(step).collect();
         let distance_beside = |(place, &i): (usize, &usize), away: f64| {
-            let (sin, cos) = (GOLDEN_ANGLE * place as f64).sin_cos();
+            // The golden angle spreads the directions evenly.
+            let (sin, cos) = (2.399_963 * place as f64).sin_cos();
             let [u, v] = tangents(&normals[i].into());
             let beside = Vector3::from(points[i]) + (u * cos + v * sin) * away;
             tree.nearest(&beside.into()).distance_sq.sqrt()
