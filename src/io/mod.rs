@@ -7,7 +7,8 @@
 //!   in PCL's `camera` element is the viewpoint unless it is the origin.
 //! - PCD: ascii, binary and binary_compressed. The position in VIEWPOINT is that of the sensor. The default
 //!   `0 0 0 1 0 0 0` also stands in clouds that have none, so it counts as a sensor at the origin only where the cloud is
-//!   organised (HEIGHT > 1), that is an image of one sensor. One that is not finite is unknown.
+//!   organised (HEIGHT > 1), that is an image of one sensor, and the order of its points does not tell that this stood
+//!   elsewhere. One that is not finite is unknown.
 //! - Text: one point a line; see [`read`].
 
 mod columns;

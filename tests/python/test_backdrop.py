@@ -140,3 +140,26 @@ def test_a_part_held_in_the_corner_of_a_room(name: str) -> None:
     assert angle_deg(found.axis, turned[:3, :3] @ one.axis) < 0.1
     assert found.score > 0.7
     assert np.ptp(found.completed, axis=0).max() < 1.1
+
+
+def test_segmentation_does_not_cut_a_part_once_its_background_is_gone() -> None:
+    # The border of the image cuts a blade, so that what lies in front of the rest goes on beyond it like a table.
+    tilt = Rotation.from_rotvec([0.4, 0.0, 0.0])
+    turned = np.eye(4)
+    turned[:3, :3] = tilt.as_matrix()
+    mesh = part("propeller_3").mesh.copy().apply_transform(turned)
+    mesh.apply_translation([0.0, 0.0, 1.0 - mesh.bounds[0, 2]])
+    floor = trimesh.creation.box([8.0, 8.0, 0.1]).apply_translation([0.0, 0.0, -0.05])
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = np.diag([1.0, -1.0, -1.0]) @ Rotation.from_rotvec([0.5, 0.0, 0.0]).as_matrix()
+    world_from_camera[:3, 3] = -4.2 * world_from_camera[:3, 2]
+    view = View(DEPTH_CAMERA, world_from_camera)
+    scene = trimesh.util.concatenate([mesh, floor])
+    image = render(scene, view, np.random.default_rng(1), sigma=0.0005)
+    seen = sympose.Scene.from_depth(image.depth, DEPTH_CAMERA, world_from_camera)
+    face = image.face.ravel()
+    is_part = face[face >= 0] < len(mesh.faces)
+    assert sympose.segment(seen.points, seen.views).mask[is_part].all()
+    found = sympose.estimate(seen)
+    assert found.order == 3
+    assert angle_deg(found.axis, tilt.apply(part("propeller_3").axis)) < 0.1

@@ -377,18 +377,3 @@ def test_plot(tmp_path, views):
     figure = segment(points, [*around(views, cosine=0.4, sector=0.4), blind]).plot(tmp_path / "depths.png")
     assert (tmp_path / "depths.png").read_bytes().startswith(b"\x89PNG")
     assert len(figure.axes) == min(views + 1, 6)
-
-
-def test_one_object_is_not_cut_once_its_background_is_gone():
-    """Blades that the border of the image cuts, in two depths with few points between, over a floor."""
-    rng = np.random.default_rng(5)
-    near = rectangle(rng, 3000, (-0.05, 0.05), (0.02, 0.5), (0.25, 0.3))
-    far = rectangle(rng, 5000, (-0.05, 0.05), (-0.5, -0.02), (0.1, 0.2))
-    neck = rectangle(rng, 60, (-0.02, 0.02), (-0.05, 0.05), (0.18, 0.28))
-    floor = rectangle(rng, 30000, (-3, 3), (-3, 3), (-0.85, -0.8))
-    view = look_at((0.0, 0.01, 2.0), camera=PinholeCamera(320, 240, 507.0, 507.0, 159.5, 119.5))
-    result = segment(np.concatenate([near, far, neck, floor]), [view])
-    seen = result.votes[:, 1] > 0
-    assert seen[:8000].mean() > 0.7
-    assert result.mask[:8060][seen[:8060]].all()
-    assert not result.mask[8060:].any()
