@@ -143,7 +143,7 @@ def test_a_part_held_in_the_corner_of_a_room(name: str) -> None:
 
 
 def test_segmentation_does_not_cut_a_part_once_its_background_is_gone() -> None:
-    # The border of the image cuts a blade, so that what lies in front of the rest goes on beyond it like a table.
+    # The border of the image cuts a blade, which goes on beyond it like a table before a wall.
     tilt = Rotation.from_rotvec([0.4, 0.0, 0.0])
     turned = np.eye(4)
     turned[:3, :3] = tilt.as_matrix()
