@@ -245,7 +245,7 @@ impl Strays {
 }
 
 /// Lower and upper corner of the box about some points.
-fn bounds<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> ([f64; 3], [f64; 3]) {
+pub(super) fn bounds<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> ([f64; 3], [f64; 3]) {
     points.fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(lower, upper), p| {
         (array::from_fn(|i| lower[i].min(p[i])), array::from_fn(|i| upper[i].max(p[i])))
     })

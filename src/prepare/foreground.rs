@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::clean::bounds;
 use super::resolution::width;
 use super::scene::Scene;
 use crate::directions::tangents;
@@ -59,17 +60,14 @@ pub(super) fn foreground(scene: &Scene, gap: f64) -> Result<Option<Vec<u32>>> {
     let Some(largest) = free.rev().max_by_key(|&piece| counts[piece]).filter(|_| around >= AROUND) else {
         return Ok(None);
     };
-    let own = || (0..scene.points.len()).filter(|&i| piece_of(i) == largest).map(|i| scene.points[i]);
-    let corners = own().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(lower, upper), p| {
-        (std::array::from_fn(|i| lower[i].min(p[i])), std::array::from_fn(|i| upper[i].max(p[i])))
-    });
-    let longest = (0..3).map(|i| corners.1[i] - corners.0[i]).fold(0.0, f64::max);
+    let own = (0..scene.points.len()).filter(|&i| piece_of(i) == largest);
+    let (lower, upper) = bounds(own.map(|i| &scene.points[i]));
+    let longest = (0..3).map(|i| upper[i] - lower[i]).fold(0.0, f64::max);
     if !is_apart(&coarse.points, &pieces, largest, is_free, APART * longest)? {
         return Ok(None);
     }
     let margin = BESIDE * longest;
-    let is_near =
-        |p: &[f64; 3]| (0..3).all(|i| corners.0[i] - margin <= p[i] && p[i] <= corners.1[i] + margin);
+    let is_near = |p: &[f64; 3]| (0..3).all(|i| lower[i] - margin <= p[i] && p[i] <= upper[i] + margin);
     let kept = (0..scene.points.len()).into_par_iter().with_min_len(CHUNK);
     let kept = kept.filter(|&i| is_free(piece_of(i)) && is_near(&scene.points[i]));
     Ok(Some(kept.map(|i| i as u32).collect()))
