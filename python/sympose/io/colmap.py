@@ -1,17 +1,28 @@
-"""COLMAP models: points, colours and views, and for each point the camera that saw it from nearest."""
+"""COLMAP models and fused clouds: points, views, and for each point the camera that saw it from nearest."""
 
 from __future__ import annotations
 
 import errno
 import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sympose.camera import PinholeCamera, View
 from sympose.errors import InvalidInputError
-from sympose.io.colmap_files import ColmapCamera, ColmapImage, ColmapPoints, read_binary, read_text
+from sympose.io.colmap_files import (
+    ColmapCamera,
+    ColmapImage,
+    ColmapPoints,
+    read_binary,
+    read_text,
+    read_visibility,
+)
+from sympose.io.damage import read_whole
+from sympose.io.ply import read_ply
 from sympose.scene import Scene
 
 __all__ = ["read_colmap"]
@@ -28,49 +39,79 @@ _MODELS = {
 
 
 def read_colmap(folder: str | os.PathLike[str]) -> Scene:
-    """Read a COLMAP model: the folder that holds cameras, images and points3D, all .bin or all .txt.
+    """Read a COLMAP model, or the dense cloud of a workspace.
+
+    A model is the folder that holds cameras, images and points3D, all .bin or all .txt. A folder with
+    `fused.ply` is a workspace of COLMAP's stereo_fusion: the points are those of that file, the cameras those
+    of the model in `sparse`, and which of them saw a point is in `fused.ply.vis`.
 
     Camera models: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV. COLMAP puts the centre of the
     top left pixel at (0.5, 0.5), here it is at (0, 0): the principal points are shifted.
 
     Args:
-        folder: In a COLMAP workspace it is often `sparse/0`.
+        folder: In a project of COLMAP often `sparse/0`, or `dense`, which has many more points.
 
     Returns:
-        The points in the order of the file, with colours; the views in the order of their numbers. The
-        viewpoint of a point is the nearest camera of its track; there are none if the track of any point
-        names no image of the model.
+        The points in the order of the file, with colours, and normals where the file has them; the views in
+        the order of their numbers. The viewpoint of a point is the nearest camera that saw it; there are none
+        if of any point none is known.
 
     Raises:
         FileNotFoundError: There is no such folder.
-        InvalidInputError: The folder holds no whole COLMAP model, or one with another camera model.
+        InvalidInputError: The folder holds no whole COLMAP model, or one with another camera model, or
+            `fused.ply.vis` does not fit the cloud.
+        ImportError: The package that reads PLY files is missing, and there is one.
     """
     root = Path(folder)
     if not root.exists():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(root))
-    found = [
-        suffix for suffix in (".bin", ".txt") if all((root / (part + suffix)).is_file() for part in _PARTS)
-    ]
-    if not found:
-        raise InvalidInputError(
-            f"{root}: not a COLMAP model; expected {', '.join(_PARTS)} in it, all .bin or all .txt "
-            "(in a COLMAP workspace the model is often in sparse/0)"
-        )
-    cameras_path, images_path, points_path = (root / (part + found[0]) for part in _PARTS)
-    read_parts = read_binary if found[0] == ".bin" else read_text
-    cameras, images, points = read_parts(cameras_path, images_path, points_path)
-    if len(points.xyz) == 0:
-        raise InvalidInputError(f"{points_path}: the COLMAP model holds no points")
-    images.sort(key=lambda image: image.number)
-    try:
-        camera_of = {camera.number: _camera(camera) for camera in cameras}
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{cameras_path}: {error}") from error
-    try:
-        views = [_view(image, camera_of) for image in images]
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{images_path}: {error}") from error
-    return Scene(points.xyz, points.rgb, None, _viewpoints(points, images, views), views, root.resolve().name)
+    name = root.resolve().name
+    fused = root / "fused.ply"
+    if not fused.is_file():
+        model = _Model.read(root)
+        if len(model.points.xyz) == 0:
+            raise InvalidInputError(f"{root}: the COLMAP model holds no points")
+        xyz, rgb = model.points.xyz, model.points.rgb
+        return Scene(xyz, rgb, None, _sparse_viewpoints(model), model.views, name)
+    cloud = read_whole(read_ply, fused, "PLY")
+    model = _Model.read(root / "sparse")
+    viewpoints = _dense_viewpoints(cloud.points, Path(f"{fused}.vis"), model)
+    return Scene(cloud.points, cloud.colors, cloud.normals, viewpoints, model.views, name)
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A model as it was read; `views` are in the order of the numbers of their `images`, which are not."""
+
+    images: list[ColmapImage]
+    views: list[View]
+    points: ColmapPoints
+
+    @classmethod
+    def read(cls, root: Path) -> Self:
+        found = [
+            suffix
+            for suffix in (".bin", ".txt")
+            if all((root / (part + suffix)).is_file() for part in _PARTS)
+        ]
+        if not found:
+            raise InvalidInputError(
+                f"{root}: not a COLMAP model; expected {', '.join(_PARTS)} in it, all .bin or all .txt "
+                "(in a COLMAP project the model is often in sparse/0, the dense cloud in dense)"
+            )
+        cameras_path, images_path, points_path = (root / (part + found[0]) for part in _PARTS)
+        read_parts = read_binary if found[0] == ".bin" else read_text
+        cameras, images, points = read_parts(cameras_path, images_path, points_path)
+        try:
+            camera_of = {camera.number: _camera(camera) for camera in cameras}
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{cameras_path}: {error}") from error
+        try:
+            in_order = sorted(images, key=lambda image: image.number)
+            views = [_view(image, camera_of) for image in in_order]
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{images_path}: {error}") from error
+        return cls(images, views, points)
 
 
 def _camera(camera: ColmapCamera) -> PinholeCamera:
@@ -119,19 +160,46 @@ def _view(image: ColmapImage, camera_of: dict[int, PinholeCamera]) -> View:
     return View(camera_of[image.camera], world_from_camera, image.name)
 
 
-def _viewpoints(
-    points: ColmapPoints, images: list[ColmapImage], views: list[View]
-) -> NDArray[np.float64] | None:
-    """Centre of the nearest camera of each track."""
-    if not views or not (points.track_lengths > 0).all():
+def _sparse_viewpoints(model: _Model) -> NDArray[np.float64] | None:
+    """The nearest camera of each track; images that are not in the model do not count."""
+    points = model.points
+    numbers = np.sort([image.number for image in model.images])
+    place = np.searchsorted(numbers, points.track_images)
+    is_known = np.isin(points.track_images, numbers)
+    view = np.where(is_known, place, -1)
+    return _nearest_cameras(points.xyz, points.track_lengths, view, model.views)
+
+
+def _dense_viewpoints(xyz: NDArray[np.float64], path: Path, model: _Model) -> NDArray[np.float64] | None:
+    """The nearest camera that saw each point; without the file that tells, none."""
+    if not path.is_file():
         return None
-    numbers = np.array([image.number for image in images], dtype=np.int64)
+    lengths, images = read_visibility(path)
+    if len(lengths) != len(xyz):
+        raise InvalidInputError(
+            f"{path}: tells what saw {len(lengths)} points, but the cloud beside it has {len(xyz)}; leave "
+            "that as stereo_fusion wrote it, and cut it with roi, or take this file away"
+        )
+    if len(images) and images.max() >= len(model.images):
+        raise InvalidInputError(
+            f"{path}: names image {images.max()}, but the model has {len(model.images)}, from 0; they do not "
+            "belong together"
+        )
+    place_of_image = np.argsort(np.argsort([image.number for image in model.images], kind="stable"))
+    return _nearest_cameras(xyz, lengths, place_of_image[images], model.views)
+
+
+def _nearest_cameras(
+    xyz: NDArray[np.float64], track_lengths: NDArray[np.int64], track: NDArray[np.int64], views: list[View]
+) -> NDArray[np.float64] | None:
+    """Centre of the nearest of the views of each track, -1 being none; None unless each has one."""
+    if not views or not (track_lengths > 0).all():
+        return None
     centers = np.array([view.center for view in views])
-    view = np.minimum(np.searchsorted(numbers, points.track_images), len(numbers) - 1)
-    owner = np.repeat(np.arange(len(points.xyz)), points.track_lengths)
-    distance = np.linalg.norm(centers[view] - points.xyz[owner], axis=1)
-    distance[numbers[view] != points.track_images] = np.inf
+    owner = np.repeat(np.arange(len(xyz)), track_lengths)
+    distance = np.linalg.norm(centers[track] - xyz[owner], axis=1)
+    distance[track < 0] = np.inf
     by_distance = np.lexsort((distance, owner))
-    nearest = by_distance[np.cumsum(points.track_lengths) - points.track_lengths]
-    is_known = np.isfinite(distance[nearest]) | ~np.isfinite(points.xyz).all(axis=1)
-    return centers[view[nearest]] if is_known.all() else None
+    nearest = by_distance[np.cumsum(track_lengths) - track_lengths]
+    is_known = np.isfinite(distance[nearest]) | ~np.isfinite(xyz).all(axis=1)
+    return centers[track[nearest]] if is_known.all() else None

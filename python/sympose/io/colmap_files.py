@@ -1,4 +1,4 @@
-"""The three files of a COLMAP model, binary and text, as records; what they mean is for `sympose.io.colmap`.
+"""The files of a COLMAP model, binary and text, as records; what they mean is for `sympose.io.colmap`.
 
 Read with NumPy alone: the formats are simple, and pycolmap brings native libraries into the process that can
 clash with others.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sympose.errors import InvalidInputError
 
-__all__ = ["ColmapCamera", "ColmapImage", "ColmapPoints", "read_binary", "read_text"]
+__all__ = ["ColmapCamera", "ColmapImage", "ColmapPoints", "read_binary", "read_text", "read_visibility"]
 
 # COLMAP's models in the order of their numbers, each with the count of its parameters.
 _MODELS = (
@@ -34,6 +34,7 @@ _MODELS = (
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 )
 _COUNT = struct.Struct("<Q")
+_LENGTH = struct.Struct("<I")
 _CAMERA = struct.Struct("<IiQQ")
 _IMAGE = struct.Struct("<I7dI")
 _POINT = struct.Struct("<Q3d3BdQ")
@@ -153,6 +154,25 @@ def read_text(cameras_path: Path, images_path: Path, points_path: Path) -> Model
         lengths.append(len(track) // 2)
         tracks += [line.integer(word) for word in track[::2]]
     return cameras, images, _points(xyz, rgb, lengths, tracks)
+
+
+def read_visibility(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Read the `.ply.vis` file that COLMAP's stereo_fusion writes beside a cloud.
+
+    Returns:
+        For each point the number of images that saw it; and which these are, one point after the other, as
+        places in the list of the images (COLMAP's `image_idx`), not their numbers.
+
+    Raises:
+        InvalidInputError: The file is cut off, too long, or something else.
+    """
+    stream = _Bytes(path)
+    lengths, tracks = [], []
+    for _ in stream.records():
+        (length,) = stream.take(_LENGTH)
+        lengths.append(int(length))
+        tracks.append(stream.slice(_LENGTH.size * int(length)))
+    return np.array(lengths, dtype=np.int64), np.frombuffer(b"".join(tracks), dtype="<u4").astype(np.int64)
 
 
 def _points(xyz: object, rgb: object, lengths: object, track_images: object) -> ColmapPoints:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sympose.errors import InvalidInputError, SymposeError
+from sympose.errors import InvalidInputError
 from sympose.io.colmap import read_colmap
+from sympose.io.damage import read_whole
 from sympose.io.npz import read_npy, read_npz, write_npy, write_npz
 from sympose.io.pcd import read_pcd, write_pcd
 from sympose.io.ply import read_ply, write_ply
@@ -43,7 +44,7 @@ _IMAGE_STARTS = (b"\x89PNG", b"II*\0", b"MM\0*", b"\xff\xd8\xff")
 
 
 def read(path: str | os.PathLike[str]) -> Scene:
-    """Read a point cloud, or a COLMAP model from its folder.
+    """Read a point cloud, or a COLMAP model or workspace from its folder.
 
     The format is found by content, and by suffix where the content does not tell. Points that are not finite,
     as in organised clouds, are kept.
@@ -82,19 +83,7 @@ def read(path: str | os.PathLike[str]) -> Scene:
     if file.is_dir():
         return read_colmap(file)
     kind = _kind(file)
-    try:
-        scene = _READERS[kind](file)
-    except (SymposeError, ImportError):
-        raise
-    # A damaged file can raise anything inside the libraries that parse it, and EINVAL from the system when
-    # they are sent to a place before its beginning.
-    except Exception as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:
-            raise
-        raise InvalidInputError(f"{file}: damaged or not a {kind} file: {error}") from error
-    if len(scene) == 0:
-        raise InvalidInputError(f"{file}: the {kind} file holds no points")
-    return scene
+    return read_whole(_READERS[kind], file, kind)
 
 
 def write(
