@@ -19,10 +19,32 @@ use crate::error::{Error, Result};
 /// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Viewpoints {
-    /// Its places, none twice; empty when they are unknown.
+    /// Its places; empty when they are unknown.
     pub(crate) places: Vec<[f64; 3]>,
     /// For each point its place; empty where all points have the first one.
     pub(crate) place_of: Vec<u32>,
+    /// What else saw each point, where that is known.
+    pub(crate) tracks: Option<Tracks>,
+}
+
+/// The places that saw each point, that from which it counts as seen first.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Tracks {
+    /// For each point the end of its places in the list of all.
+    ends: Vec<usize>,
+    places: Vec<u32>,
+}
+
+impl Tracks {
+    fn push(&mut self, places: impl Iterator<Item = u32>) {
+        self.places.extend(places);
+        self.ends.push(self.places.len());
+    }
+
+    fn of(&self, point: usize) -> &[u32] {
+        let start = point.checked_sub(1).map_or(0, |last| self.ends[last]);
+        &self.places[start..self.ends[point]]
+    }
 }
 
 impl Viewpoints {
@@ -30,10 +52,10 @@ impl Viewpoints {
     #[must_use]
     pub fn of_rows(rows: &[[f64; 3]]) -> Self {
         if let [one] = rows {
-            return Self { places: vec![*one], place_of: Vec::new() };
+            return Self { places: vec![*one], ..Self::default() };
         }
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
-        let mut found = Self { places: Vec::new(), place_of: Vec::with_capacity(rows.len()) };
+        let mut found = Self { place_of: Vec::with_capacity(rows.len()), ..Self::default() };
         // Scans come view by view, so that the same place mostly follows itself.
         for run in rows.chunk_by(|a, b| a == b) {
             let place = *known.entry(run[0].map(f64::to_bits)).or_insert_with(|| {
@@ -43,6 +65,57 @@ impl Viewpoints {
             found.place_of.resize(found.place_of.len() + run.len(), place);
         }
         found
+    }
+
+    /// Takes the cameras that saw each point, where points are such as several agree on: those that structure from motion finds
+    /// and stereo fuses. They see what stands before a point, but where no point is, they tell nothing: surfaces without texture
+    /// leave none.
+    ///
+    /// The first `counts[0]` of `seen_from` are the numbers of the `places` that saw the first point, and so on. A point counts as
+    /// measured from the first of its places: let that be the nearest.
+    ///
+    /// ```
+    /// use sympose::Viewpoints;
+    /// let cameras = [[0.0, 0.0, 5.0], [9.0, 0.0, 5.0]];
+    /// let viewpoints = Viewpoints::of_tracks(&cameras, &[2, 1], &[1, 0, 0])?;
+    /// assert_eq!(viewpoints.of_point(0), Some(cameras[1]));
+    /// assert!(Viewpoints::of_tracks(&cameras, &[2, 0], &[1, 0]).is_err());
+    /// # Ok::<(), sympose::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::LengthMismatch`] unless the counts add up to the length of `seen_from`; [`Error::InvalidParameter`] where nothing
+    /// saw a point, or the number of a place is none of theirs.
+    pub fn of_tracks(places: &[[f64; 3]], counts: &[u32], seen_from: &[u32]) -> Result<Self> {
+        let total: usize = counts.iter().map(|&count| count as usize).sum();
+        if total != seen_from.len() {
+            return Err(Error::LengthMismatch { what: "seen_from", expected: total, got: seen_from.len() });
+        }
+        let invalid = |name, value: u32, expected| {
+            Err(Error::InvalidParameter { name, value: value.to_string(), expected })
+        };
+        if counts.contains(&0) {
+            return invalid("counts", 0, "at least one camera that saw each point");
+        }
+        if let Some(&number) = seen_from.iter().find(|&&number| number as usize >= places.len()) {
+            return invalid("seen_from", number, "numbers of the places, from 0");
+        }
+        let (mut tracks, mut place_of, mut left) = (Tracks::default(), Vec::new(), seen_from);
+        for &count in counts {
+            let (track, others) = left.split_at(count as usize);
+            place_of.push(track[0]);
+            tracks.push(track.iter().copied());
+            left = others;
+        }
+        Ok(Self { places: places.to_vec(), place_of, tracks: Some(tracks) })
+    }
+
+    /// Numbers of all places that saw point `index`, that from which it counts as seen first.
+    pub(crate) fn places_of(&self, index: usize) -> &[u32] {
+        match &self.tracks {
+            Some(tracks) => tracks.of(index),
+            None => self.place_of.get(index..=index).unwrap_or(&[0]),
+        }
     }
 
     /// Number of place that point `index` was seen from; 0 where none is known.
@@ -94,15 +167,20 @@ impl Viewpoints {
         }
         let mut renumbered: Vec<Option<u32>> = vec![None; self.places.len()];
         let mut places = Vec::new();
-        let mut renumber = |&row: &u32| {
-            let place = self.place_of[row as usize] as usize;
-            *renumbered[place].get_or_insert_with(|| {
-                places.push(self.places[place]);
+        let mut renumber = |place: u32| {
+            *renumbered[place as usize].get_or_insert_with(|| {
+                places.push(self.places[place as usize]);
                 places.len() as u32 - 1
             })
         };
-        let place_of = rows.iter().map(&mut renumber).collect();
-        Self { places, place_of }
+        let place_of = rows.iter().map(|&row| renumber(self.place_of[row as usize])).collect();
+        let tracks = self.tracks.map(|tracks| {
+            let mut kept = Tracks::default();
+            rows.iter()
+                .for_each(|&row| kept.push(tracks.of(row as usize).iter().map(|&place| renumber(place))));
+            kept
+        });
+        Self { places, place_of, tracks }
     }
 }
 

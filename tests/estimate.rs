@@ -14,6 +14,7 @@ use sympose::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3
 use sympose::result::{Diagnostic, FreeDirection};
 use sympose::{
     CancelToken, Config, Control, Error, Estimate, Estimator, Order, PointCloud, Reference, Request,
+    Viewpoints,
 };
 
 fn moved(points: &[[f64; 3]], pose: &Isometry3<f64>, scale: f64) -> Vec<[f64; 3]> {
@@ -316,4 +317,27 @@ fn who_was_told_that_all_is_done_gets_it() {
     let found =
         Estimator::new(cyclic(5)).unwrap().estimate_with(&cloud, &Request { control, ..Request::default() });
     assert!(found.is_ok());
+}
+
+#[test]
+fn the_cameras_that_saw_a_point_follow_it_where_others_are_dropped() {
+    let cameras = [[0.0, 0.0, 5.0], [0.0, 0.0, -5.0], [3.0, 0.0, 4.0], [9.0, 9.0, 9.0]];
+    let points = knob(5, 20_000);
+    let track = |p: &[f64; 3]| if p[2] > 0.0 { vec![0, 2] } else { vec![1] };
+    let estimate = |points: Vec<[f64; 3]>, tracks: &[Vec<u32>]| {
+        let counts: Vec<u32> = tracks.iter().map(|track| track.len() as u32).collect();
+        let seen_by = Viewpoints::of_tracks(&cameras, &counts, &tracks.concat()).unwrap();
+        let cloud = PointCloud::from_points(points).unwrap().with_sensor_at(seen_by).unwrap();
+        Estimator::new(cyclic(5)).unwrap().estimate(&cloud).unwrap()
+    };
+    let tracks: Vec<Vec<u32>> = points.iter().map(track).collect();
+    let whole = estimate(points.clone(), &tracks);
+    let (mut with_others, mut their_tracks) = (points, tracks);
+    for at in [0, 7000, 15_000] {
+        with_others.insert(at, [f64::NAN; 3]);
+        their_tracks.insert(at, vec![3, 1, 0]);
+    }
+    let found = estimate(with_others, &their_tracks);
+    assert_eq!(found.world_from_object, whole.world_from_object);
+    assert_eq!((found.score, found.order), (whole.score, whole.order));
 }

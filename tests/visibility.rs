@@ -14,7 +14,7 @@ fn square() -> impl Iterator<Item = Vector3<f64>> {
 /// What views of level points see, each of which comes with the number of the place that it was seen from.
 fn views(points: &[(usize, Vector3<f64>)], places: &[Vector3<f64>], pictures: &[Picture]) -> Visibility {
     let up = |_| Some(Vector3::z());
-    Visibility::new(points.len(), |i| points[i].1, places, |i| points[i].0, up, pictures).unwrap()
+    Visibility::new(points.len(), |i| points[i].1, places, |i| [points[i].0], up, pictures).unwrap()
 }
 
 /// What one view from above sees of level points.
@@ -163,7 +163,7 @@ fn ball(least: f64) -> Visibility {
         .map(|(x, y, z_sq)| Vector3::new(x, y, z_sq.sqrt()))
         .collect();
     let place = [Vector3::new(0.0, 0.0, 50.0)];
-    Visibility::new(points.len(), |i| points[i], &place, |_| 0, |i| Some(points[i]), &[]).unwrap()
+    Visibility::new(points.len(), |i| points[i], &place, |_| [0], |i| Some(points[i]), &[]).unwrap()
 }
 
 #[test]
@@ -181,4 +181,27 @@ fn a_surface_steeper_than_all_that_was_measured_may_be_anywhere() {
         assert_eq!(seen(&sees_half, place, 0.8), said);
         assert_eq!(seen(&sees_half, place, 0.4), Seen::Hidden);
     }
+}
+
+#[test]
+fn where_cameras_agree_on_no_point_nothing_is_known_but_what_lies_before_points_is_free() {
+    let fused = plate().fused();
+    assert_eq!(look(&plate(), [0.0, 0.0, 0.0]), Seen::Missing);
+    assert_eq!(look(&fused, [0.0, 0.0, 0.0]), Seen::Hidden);
+    assert_eq!(look(&fused, [0.3, 0.0, 0.3]), Seen::Free);
+}
+
+#[test]
+fn a_point_that_two_places_saw_is_lost_by_neither() {
+    let places = [Vector3::new(0.3, 0.0, 2.0), Vector3::new(-0.3, 0.0, 2.0)];
+    let points: Vec<Vector3<f64>> = square().collect();
+    let up = |_| Some(Vector3::z());
+    let seen_by = |track: fn(usize) -> Vec<usize>| {
+        Visibility::new(points.len(), |i| points[i], &places, track, up, &[]).unwrap()
+    };
+    // In turn, as if each place had measured a half of the points, anywhere.
+    let alone = seen_by(|i| vec![i / 200 % 40 / 20]);
+    assert!(alone.dropout > 0.3 && !alone.shows_details, "{}", alone.dropout);
+    let both = seen_by(|i| if i / 200 % 40 / 20 == 0 { vec![0, 1] } else { vec![1, 0] });
+    assert!(both.dropout == 0.0 && both.shows_details, "{}", both.dropout);
 }

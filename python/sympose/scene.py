@@ -215,6 +215,46 @@ class MeshVertices(Scene):
     """The vertices of a mesh, which are the points of a scan only where the mesh was made of one."""
 
 
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Which cameras saw each point.
+
+    Attributes:
+        places: (P, 3) float64, their centres.
+        counts: (N,) uint32, how many saw each point, at least one.
+        seen_from: (sum of the counts,) uint32, their numbers, one point after the other, the nearest first.
+    """
+
+    places: NDArray[np.float64]
+    counts: NDArray[np.uint32]
+    seen_from: NDArray[np.uint32]
+
+    def nearest(self) -> NDArray[np.float64]:
+        """(N, 3) centre of the nearest camera that saw each point."""
+        first = np.cumsum(self.counts) - self.counts
+        nearest: NDArray[np.float64] = self.places[self.seen_from[first]]
+        return nearest
+
+
+class FusedScene(Scene):
+    """Points on which several cameras agree; the viewpoint of each is the nearest of those in its track."""
+
+    tracks: Tracks
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        tracks: Tracks,
+        *,
+        colors: ArrayLike | None,
+        normals: ArrayLike | None,
+        views: Sequence[View],
+        name: str,
+    ) -> None:
+        super().__init__(points, colors, normals, tracks.nearest(), views, name)
+        object.__setattr__(self, "tracks", tracks)
+
+
 def _as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
     rows = as_points(value, name)
     if len(rows) != count:

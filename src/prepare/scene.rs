@@ -165,6 +165,12 @@ impl<'a> Scene<'a> {
         self.group_of_place.get(self.cloud.viewpoints().place_of(row)).map_or(0, |&group| group as usize)
     }
 
+    /// Numbers of all places that saw a point of the cloud.
+    fn places_of_row(&self, row: usize) -> impl Iterator<Item = usize> {
+        let places = self.cloud.viewpoints().places_of(row).iter();
+        places.map(|&place| self.group_of_place[place as usize] as usize)
+    }
+
     /// What the cameras saw to be empty, by the rays to the points in the rows `region` of the cloud, those of the part
     /// where it is `None`, but not to those of the part whose voxel is none of `on_surface`: strays would hide the empty
     /// space behind them. `normals` are those of the voxels. `None` without viewpoints.
@@ -204,7 +210,7 @@ impl<'a> Scene<'a> {
             Some(_) => self.local(self.cloud.local_points()[left[i] as usize]).into(),
         };
         let row = |i: usize| if region.is_none() { self.rows[left[i] as usize] } else { left[i] };
-        let place_of = |i: usize| self.place_of_row(row(i) as usize);
+        let places_of = |i: usize| self.places_of_row(row(i) as usize);
         let normal_of = |i: usize| {
             let voxel = match region {
                 None => grid.inverse[left[i] as usize],
@@ -212,7 +218,8 @@ impl<'a> Scene<'a> {
             };
             (voxel != NONE).then(|| normals[voxel as usize].into())
         };
-        Visibility::new(left.len(), point, &self.places, place_of, normal_of, &self.pictures())
+        let seen = Visibility::new(left.len(), point, &self.places, places_of, normal_of, &self.pictures())?;
+        Some(if self.cloud.viewpoints().tracks.is_some() { seen.fused() } else { seen })
     }
 
     /// The fields of view of the cameras, in the frame of the points.

@@ -65,11 +65,14 @@ pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyR
     Err(errors::invalid_input(py, message))
 }
 
-/// Rows of an (N, 3) array, or the one row of a (3,) array, of which places that points share are kept once.
+/// Rows of an (N, 3) array, or the one row of a (3,) array, of which places that points share are kept once; or `Tracks`.
 ///
 /// Read with the GIL held: a copy of all rows takes longer.
 pub(super) fn viewpoints(value: &Bound<'_, PyAny>) -> PyResult<Viewpoints> {
     let name = "viewpoints";
+    if value.hasattr("seen_from")? {
+        return tracks(value);
+    }
     let arrays = value.py().import("sympose.arrays")?;
     let mut rows = arrays.call_method1("as_floats", (value, name))?;
     if rows.getattr("ndim")?.extract::<usize>()? == 1 {
@@ -78,6 +81,17 @@ pub(super) fn viewpoints(value: &Bound<'_, PyAny>) -> PyResult<Viewpoints> {
     let rows = arrays.call_method1("as_points", (rows, name))?;
     let rows = rows.cast::<PyArray2<f64>>()?.try_readonly()?;
     Ok(Viewpoints::of_rows(rows.as_slice()?.as_chunks().0))
+}
+
+/// The `Tracks` of a fused scene.
+fn tracks(value: &Bound<'_, PyAny>) -> PyResult<Viewpoints> {
+    let places = points(&value.getattr("places")?, "places")?;
+    let numbers = |name: &str| -> PyResult<Vec<u32>> {
+        let array = value.getattr(name)?;
+        Ok(array.cast::<PyArray1<u32>>()?.try_readonly()?.as_slice()?.to_vec())
+    };
+    let viewpoints = Viewpoints::of_tracks(&places, &numbers("counts")?, &numbers("seen_from")?);
+    viewpoints.map_err(|error| errors::exception(value.py(), error))
 }
 
 /// Ascending indices of the rows that a (N,) boolean mask selects.

@@ -71,32 +71,43 @@ pub struct Visibility {
     pub grazing: f64,
     /// Whether the only view is taken to lose returns in patches, as from shiny metal, which no other view can tell.
     pub is_patchy: bool,
+    /// Whether only what several cameras agree on was measured, so that a missing return says nothing.
+    is_fused: bool,
 }
 
 impl Visibility {
     /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for,
-    /// each seen from the one of `places` that `place_of` numbers. `None` where there is no view with enough points. Whether
+    /// each seen from those of `places` that `places_of` numbers, at least one. `None` where there is no view with enough points. Whether
     /// returns are lost, and at which angles, is judged by the points of the part, of which `normal_of` gives the normals: the
     /// support reaches beyond the picture of a camera. `pictures` are those that are known.
     #[must_use]
-    pub fn new(
+    pub fn new<I: IntoIterator<Item = usize>>(
         count: usize,
         point_of: impl Fn(usize) -> Vector3<f64> + Sync,
         places: &[Vector3<f64>],
-        place_of: impl Fn(usize) -> usize,
+        places_of: impl Fn(usize) -> I,
         normal_of: impl Fn(usize) -> Option<Vector3<f64>>,
         pictures: &[Picture],
     ) -> Option<Self> {
         let mut members: Vec<(&Vector3<f64>, Vec<u32>)> = places.iter().map(|p| (p, Vec::new())).collect();
-        for i in 0..count {
-            members[place_of(i)].1.push(i as u32);
+        for i in 0..count as u32 {
+            for place in places_of(i as usize) {
+                let indices = &mut members[place].1;
+                // Of places that were joined a point may have two.
+                if indices.last() != Some(&i) {
+                    indices.push(i);
+                }
+            }
         }
         members.sort_by_key(|(_, indices)| std::cmp::Reverse(indices.len()));
         members.truncate(MAX_STRIPS);
         let own = || (0..count).filter_map(|i| Some((i, normal_of(i)?)));
         let step = own().count().div_ceil(LOOKED_AT).max(1);
-        let seen = |(i, normal)| Measured { point: point_of(i), normal, place: places[place_of(i)] };
-        let part: Vec<Measured> = own().step_by(step).map(seen).collect();
+        let seen = |(i, normal)| {
+            let place = places[places_of(i).into_iter().next()?];
+            Some(Measured { point: point_of(i), normal, place })
+        };
+        let part: Vec<Measured> = own().step_by(step).filter_map(seen).collect();
         let maps = |points_per_cell: PointsPerCell| -> Vec<DepthMap> {
             let map = |(rank, (center, indices)): (usize, &(&Vector3<f64>, Vec<u32>))| {
                 let mut map = DepthMap::new(center, &point_of, indices, points_per_cell)?;
@@ -123,7 +134,15 @@ impl Visibility {
             }
             view.surroundings = surroundings(view, &part, pictures);
         });
-        Some(Self { views, support: None, dropout, shows_details: !is_lossy, grazing, is_patchy: false })
+        Some(Self {
+            views,
+            support: None,
+            dropout,
+            shows_details: !is_lossy,
+            grazing,
+            is_patchy: false,
+            is_fused: false,
+        })
     }
 
     /// Takes all that lies more than `depth` \[length\] below a plane, which has its normal up, for empty: the part stands
@@ -140,6 +159,12 @@ impl Visibility {
         Self { shows_details: false, is_patchy: true, ..self }
     }
 
+    /// Takes the points for those on which several cameras agree.
+    #[must_use]
+    pub fn fused(self) -> Self {
+        Self { is_fused: true, ..self }
+    }
+
     /// Number of views.
     #[must_use]
     pub fn views(&self) -> usize {
@@ -154,7 +179,7 @@ impl Visibility {
 
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
-    /// grazing angle, and where many are lost nothing unless another camera misses it, too. Of surfaces steeper than all that was
+    /// grazing angle, where many are lost nothing unless another camera misses it, too, and in a fused cloud nothing. Of surfaces steeper than all that was
     /// measured a return from behind says nothing either. Where returns of a camera may be lost, as `is_barred` says given its
     /// place, a missing one says nothing, and one beside a missing one proves nothing free. What lies below the support is free.
     #[must_use]
@@ -186,7 +211,7 @@ impl Visibility {
             }
         }
         let agreeing = if self.dropout > 0.0 { AGREEING } else { 1 };
-        if missing >= agreeing { Seen::Missing } else { Seen::Hidden }
+        if missing >= agreeing && !self.is_fused { Seen::Missing } else { Seen::Hidden }
     }
 }
 

@@ -7,7 +7,10 @@ import sys
 
 import numpy as np
 import pytest
+from trimesh.transformations import quaternion_from_matrix
 
+import sympose
+from sympose import datasets
 from sympose.errors import InvalidInputError
 from sympose.io import read, read_colmap, write
 from test_colmap import WRITERS, make_model, rotation
@@ -100,6 +103,49 @@ def test_a_cloud_without_points_or_without_a_model(tmp_path):
     (tmp_path / "fused.ply").write_text(header)
     with pytest.raises(InvalidInputError, match=r"fused.ply: .* no points"):
         read_colmap(tmp_path)
+
+
+def fuse(scan, size, least):
+    """What `least` views of a scan agree on, and which these are: means over the cells of a grid."""
+    points, views = scan.scene.points, len(scan.scene.views)
+    _, cell = np.unique(np.floor(points / size).astype(int), axis=0, return_inverse=True)
+    cell = cell.ravel()
+    means = np.stack([np.bincount(cell, x) for x in points.T], axis=1) / np.bincount(cell)[:, None]
+    owner, view = np.divmod(np.unique(cell * views + scan.view_of_point), views)
+    ends = np.cumsum(np.bincount(owner))
+    tracks = np.split(view, ends[:-1])
+    agreed = [i for i, track in enumerate(tracks) if len(track) >= least]
+    return means[agreed], [tracks[i] for i in agreed]
+
+
+def write_views(folder, views):
+    """The model of a workspace, which is pinhole cameras."""
+    (folder / "sparse").mkdir()
+    cameras, images = "", ""
+    for k, view in enumerate(views):
+        camera, pose = view.camera, view.camera_from_world
+        cameras += f"{k} PINHOLE {camera.width} {camera.height} {camera.fx} {camera.fy} "
+        cameras += f"{camera.cx + 0.5} {camera.cy + 0.5}\n"
+        numbers = " ".join(str(x) for x in (*quaternion_from_matrix(pose), *pose[:3, 3]))
+        images += f"{k} {numbers} {k} {k}.png\n\n"
+    (folder / "sparse/cameras.txt").write_text(cameras)
+    (folder / "sparse/images.txt").write_text(images)
+    (folder / "sparse/points3D.txt").write_text("")
+
+
+def test_holes_show_in_a_fused_cloud(tmp_path):
+    """Were points measured by the nearest camera alone, the others would have lost them, and the holes."""
+    flange = datasets.part("flange_8")
+    scan = datasets.scan(flange, views=16, seed=7)
+    xyz, tracks = fuse(scan, 0.006, 4)
+    write(tmp_path / "fused.ply", xyz)
+    write_visibility(tmp_path, tracks)
+    write_views(tmp_path, scan.scene.views)
+    estimate = sympose.estimate(tmp_path)
+    assert estimate.order == 8
+    assert estimate.score > 0.9
+    axis = scan.world_from_object[:3, :3] @ flange.axis
+    assert np.degrees(np.arccos(min(1.0, abs(estimate.axis @ axis)))) < 0.1
 
 
 _FUSE = """

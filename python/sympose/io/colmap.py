@@ -23,7 +23,7 @@ from sympose.io.colmap_files import (
 )
 from sympose.io.damage import read_whole
 from sympose.io.ply import read_ply
-from sympose.scene import Scene
+from sympose.scene import FusedScene, Scene, Tracks
 
 __all__ = ["read_colmap"]
 
@@ -54,7 +54,7 @@ def read_colmap(folder: str | os.PathLike[str]) -> Scene:
     Returns:
         The points in the order of the file, with colours, and normals where the file has them; the views in
         the order of their numbers. The viewpoint of a point is the nearest camera that saw it; there are none
-        if of any point none is known.
+        if for some point no camera is known. `estimate` knows of the other cameras, too.
 
     Raises:
         FileNotFoundError: There is no such folder.
@@ -71,12 +71,15 @@ def read_colmap(folder: str | os.PathLike[str]) -> Scene:
         model = _Model.read(root)
         if len(model.points.xyz) == 0:
             raise InvalidInputError(f"{root}: the COLMAP model holds no points")
-        xyz, rgb = model.points.xyz, model.points.rgb
-        return Scene(xyz, rgb, None, _sparse_viewpoints(model), model.views, name)
-    cloud = read_whole(read_ply, fused, "PLY")
-    model = _Model.read(root / "sparse")
-    viewpoints = _dense_viewpoints(cloud.points, Path(f"{fused}.vis"), model)
-    return Scene(cloud.points, cloud.colors, cloud.normals, viewpoints, model.views, name)
+        cloud, tracks = Scene(model.points.xyz, model.points.rgb), _sparse_tracks(model)
+    else:
+        cloud = read_whole(read_ply, fused, "PLY")
+        model = _Model.read(root / "sparse")
+        tracks = _dense_tracks(cloud.points, Path(f"{fused}.vis"), model)
+    points, colors, normals, views = cloud.points, cloud.colors, cloud.normals, model.views
+    if tracks is None:
+        return Scene(points, colors, normals, None, views, name)
+    return FusedScene(points, tracks, colors=colors, normals=normals, views=views, name=name)
 
 
 @dataclass(frozen=True)
@@ -160,18 +163,17 @@ def _view(image: ColmapImage, camera_of: dict[int, PinholeCamera]) -> View:
     return View(camera_of[image.camera], world_from_camera, image.name)
 
 
-def _sparse_viewpoints(model: _Model) -> NDArray[np.float64] | None:
-    """The nearest camera of each track; images that are not in the model do not count."""
+def _sparse_tracks(model: _Model) -> Tracks | None:
+    """The cameras of each track; images that are not in the model do not count."""
     points = model.points
     numbers = np.sort([image.number for image in model.images])
     place = np.searchsorted(numbers, points.track_images)
     is_known = np.isin(points.track_images, numbers)
-    view = np.where(is_known, place, -1)
-    return _nearest_cameras(points.xyz, points.track_lengths, view, model.views)
+    return _nearest_first(points.xyz, points.track_lengths, place, is_known, model.views)
 
 
-def _dense_viewpoints(xyz: NDArray[np.float64], path: Path, model: _Model) -> NDArray[np.float64] | None:
-    """The nearest camera that saw each point; without the file that tells, none."""
+def _dense_tracks(xyz: NDArray[np.float64], path: Path, model: _Model) -> Tracks | None:
+    """The cameras that saw each point; without the file that tells, none."""
     if not path.is_file():
         return None
     lengths, images = read_visibility(path)
@@ -186,20 +188,28 @@ def _dense_viewpoints(xyz: NDArray[np.float64], path: Path, model: _Model) -> ND
             "belong together"
         )
     place_of_image = np.argsort(np.argsort([image.number for image in model.images], kind="stable"))
-    return _nearest_cameras(xyz, lengths, place_of_image[images], model.views)
+    is_known = np.ones(len(images), dtype=np.bool_)
+    return _nearest_first(xyz, lengths, place_of_image[images], is_known, model.views)
 
 
-def _nearest_cameras(
-    xyz: NDArray[np.float64], track_lengths: NDArray[np.int64], track: NDArray[np.int64], views: list[View]
-) -> NDArray[np.float64] | None:
-    """Centre of the nearest of the views of each track, -1 being none; None unless each has one."""
-    if not views or not (track_lengths > 0).all():
+def _nearest_first(
+    xyz: NDArray[np.float64],
+    lengths: NDArray[np.int64],
+    place: NDArray[np.int64],
+    is_known: NDArray[np.bool_],
+    views: list[View],
+) -> Tracks | None:
+    """The tracks without what is not known; None where nothing is left of one."""
+    owner = np.repeat(np.arange(len(xyz)), lengths)[is_known]
+    place = place[is_known]
+    counts = np.bincount(owner, minlength=len(xyz))
+    if not counts.all():
         return None
     centers = np.array([view.center for view in views])
-    owner = np.repeat(np.arange(len(xyz)), track_lengths)
-    distance = np.linalg.norm(centers[track] - xyz[owner], axis=1)
-    distance[track < 0] = np.inf
-    by_distance = np.lexsort((distance, owner))
-    nearest = by_distance[np.cumsum(track_lengths) - track_lengths]
-    is_known = np.isfinite(distance[nearest]) | ~np.isfinite(xyz).all(axis=1)
-    return centers[track[nearest]] if is_known.all() else None
+    # Points that are not finite are dropped later, whatever saw them.
+    distance = np.nan_to_num(np.linalg.norm(centers[place] - xyz[owner], axis=1))
+    first = np.cumsum(counts) - counts
+    least = np.flatnonzero(distance == np.minimum.reduceat(distance, first)[owner])
+    nearest = least[np.flatnonzero(np.diff(owner[least], prepend=-1))]
+    place[first], place[nearest] = place[nearest], place[first]
+    return Tracks(centers, counts.astype(np.uint32), place.astype(np.uint32))
