@@ -84,21 +84,20 @@ impl Viewpoints {
     /// ```
     ///
     /// # Errors
-    /// [`Error::LengthMismatch`] unless the counts add up to the length of `seen_from`; [`Error::InvalidParameter`] where nothing
-    /// saw a point, or the number of a place is none of theirs.
+    /// [`Error::InvalidParameter`] unless the counts add up to the length of `seen_from`, where nothing saw a point, or where the
+    /// number of a place is none of theirs.
     pub fn of_tracks(places: &[[f64; 3]], counts: &[u32], seen_from: &[u32]) -> Result<Self> {
         let total: usize = counts.iter().map(|&count| count as usize).sum();
+        let invalid = |name, value, expected| Err(Error::InvalidParameter { name, value, expected });
         if total != seen_from.len() {
-            return Err(Error::LengthMismatch { what: "seen_from", expected: total, got: seen_from.len() });
+            let value = format!("{total} in all for {} numbers of places", seen_from.len());
+            return invalid("counts", value, "counts that add up to the length of seen_from");
         }
-        let invalid = |name, value: u32, expected| {
-            Err(Error::InvalidParameter { name, value: value.to_string(), expected })
-        };
         if counts.contains(&0) {
-            return invalid("counts", 0, "at least one camera that saw each point");
+            return invalid("counts", "0".to_owned(), "at least one camera that saw each point");
         }
         if let Some(&number) = seen_from.iter().find(|&&number| number as usize >= places.len()) {
-            return invalid("seen_from", number, "numbers of the places, from 0");
+            return invalid("seen_from", number.to_string(), "numbers of the places, from 0");
         }
         let (mut tracks, mut place_of, mut left) = (Tracks::default(), Vec::new(), seen_from);
         for &count in counts {
@@ -107,7 +106,9 @@ impl Viewpoints {
             tracks.push(track.iter().copied());
             left = others;
         }
-        Ok(Self { places: places.to_vec(), place_of, tracks: Some(tracks) })
+        let all: Vec<u32> = (0..counts.len() as u32).collect();
+        // Without cameras that saw nothing.
+        Ok(Self { places: places.to_vec(), place_of, tracks: Some(tracks) }.of_points(&all))
     }
 
     /// Numbers of all places that saw point `index`, that from which it counts as seen first.
@@ -134,7 +135,7 @@ impl Viewpoints {
 
     /// Whether they were given by a single row, for all points.
     fn are_one(&self) -> bool {
-        self.places.len() == 1 && self.place_of.is_empty()
+        self.places.len() == 1 && self.place_of.is_empty() && self.tracks.is_none()
     }
 
     /// Refuses them unless they are those of so many points, or one for all.
@@ -152,7 +153,9 @@ impl Viewpoints {
             return Ok(());
         }
         let total = self.place_of.len().max(1);
-        let count = (0..total).filter(|&i| is_bad(&self.places[self.place_of(i)])).count();
+        let count = (0..total)
+            .filter(|&i| self.places_of(i).iter().any(|&p| is_bad(&self.places[p as usize])))
+            .count();
         Err(Error::InvalidParameter {
             name: "viewpoints",
             value: format!("{count} of {total} rows with a coordinate that is NaN, infinite, or beyond 1e18"),

@@ -341,3 +341,17 @@ fn the_cameras_that_saw_a_point_follow_it_where_others_are_dropped() {
     assert_eq!(found.world_from_object, whole.world_from_object);
     assert_eq!((found.score, found.order), (whole.score, whole.order));
 }
+
+#[test]
+fn tracks_of_no_point_are_refused_and_cameras_that_saw_nothing_do_not_matter() {
+    let points = knob(5, 20_000);
+    let cloud = || PointCloud::from_points(points.clone()).unwrap();
+    let of_none = Viewpoints::of_tracks(&[[0.0, 0.0, 5.0]], &[], &[]).unwrap();
+    assert!(matches!(cloud().with_sensor_at(of_none), Err(Error::LengthMismatch { got: 0, .. })));
+    let ones = vec![1; points.len()];
+    let seen_from =
+        |place: u32| Viewpoints::of_tracks(&[[0.0, 0.0, 5.0], [1e19; 3]], &ones, &vec![place; points.len()]);
+    assert!(cloud().with_sensor_at(seen_from(0).unwrap()).is_ok());
+    let refused = cloud().with_sensor_at(seen_from(1).unwrap()).unwrap_err().to_string();
+    assert!(refused.contains("20000 of 20000 rows"), "{refused}");
+}

@@ -148,10 +148,10 @@ def _segment(arguments: Sequence[str]) -> int:
     mask = segmentation.mask
     if not mask.any():
         raise InsufficientDataError("no point is foreground; nothing written")
-    normals = None if scene.normals is None else scene.normals[mask]
-    colors = None if scene.colors is None else scene.colors[mask]
-    viewpoints = _storable(options.out, None if scene.viewpoints is None else scene.viewpoints[mask])
-    write_scene(options.out, Scene(scene.points[mask], colors, normals, viewpoints))
+    foreground = scene.select(mask)
+    if _storable(options.out, foreground.viewpoints) is None:
+        foreground = Scene(foreground.points, foreground.colors, foreground.normals)
+    write_scene(options.out, foreground)
     sys.stdout.write(f"{mask.sum()} of {len(mask)} points are foreground\n")
     return 0
 

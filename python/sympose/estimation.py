@@ -18,7 +18,7 @@ from sympose.arrays import as_points
 from sympose.camera import View, as_views, field_of_view
 from sympose.config import Config
 from sympose.errors import DeadlineExceededError, InsufficientDataError, InvalidInputError
-from sympose.scene import FusedScene, MeshVertices, Scene
+from sympose.scene import MeshVertices, Scene
 
 __all__ = ["SceneLike", "estimate"]
 
@@ -150,7 +150,7 @@ def cloud_of(
         foreground |= ~finite
     return {
         "points": source.points,
-        "viewpoints": source.tracks if isinstance(source, FusedScene) else source.viewpoints,
+        "viewpoints": source.viewpoints if source.tracks is None else source.tracks,
         "normals": source.normals,
         "foreground": foreground,
         "pictures": [(pose, corners) for pose, corners in pictures if corners is not None],

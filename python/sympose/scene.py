@@ -15,7 +15,69 @@ from sympose.arrays import as_floats, as_points, read_only
 from sympose.camera import PinholeCamera, View, as_views
 from sympose.errors import InvalidInputError
 
-__all__ = ["Scene"]
+__all__ = ["Scene", "Tracks"]
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Which cameras saw each point, where points are such as several agree on.
+
+    Attributes:
+        places: (P, 3) float64, where the cameras stood.
+        counts: (N,) uint32, how many saw each point, at least one.
+        seen_from: (sum of the counts,) uint32, rows of `places`, one point after the other: the nearest
+            camera first, the others in any order.
+
+    Raises:
+        InvalidInputError: The arrays do not fit together.
+    """
+
+    places: NDArray[np.float64]
+    counts: NDArray[np.uint32]
+    seen_from: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "places", read_only(as_points(self.places, "places")))
+        for name in ("counts", "seen_from"):
+            object.__setattr__(self, name, read_only(_as_numbers(getattr(self, name), name)))
+        if not self.counts.all():
+            raise InvalidInputError("counts must be at least one, the camera that saw a point")
+        if self.counts.sum(dtype=np.int64) != len(self.seen_from):
+            raise InvalidInputError(
+                f"seen_from must have as many rows as counts add up to, {self.counts.sum(dtype=np.int64)}, "
+                f"got {len(self.seen_from)}"
+            )
+        if len(self.seen_from) and self.seen_from.max() >= len(self.places):
+            raise InvalidInputError(
+                f"seen_from must name rows of the {len(self.places)} places, got {self.seen_from.max()}"
+            )
+
+    def nearest(self) -> NDArray[np.float64]:
+        """(N, 3) place of the nearest camera that saw each point."""
+        nearest: NDArray[np.float64] = self.places[self.seen_from[self._first()]]
+        return nearest
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]]) -> Tracks:
+        """The tracks of some points, by a mask or by their rows."""
+        counts, first = self.counts[rows], self._first()[rows]
+        ends = np.cumsum(counts, dtype=np.int64)
+        # Each track from its first camera on.
+        shift = np.repeat(first - (ends - counts), counts)
+        return Tracks(self.places, counts, self.seen_from[shift + np.arange(len(shift))])
+
+    @classmethod
+    def join(cls, tracks: Sequence[Tracks]) -> Tracks:
+        """Those of several scenes, one after the other."""
+        before = np.cumsum([0] + [len(each.places) for each in tracks[:-1]])
+        return cls(
+            np.concatenate([each.places for each in tracks]),
+            np.concatenate([each.counts for each in tracks]),
+            np.concatenate([each.seen_from + start for each, start in zip(tracks, before, strict=True)]),
+        )
+
+    def _first(self) -> NDArray[np.int64]:
+        """Where the track of each point begins."""
+        return np.cumsum(self.counts, dtype=np.int64) - self.counts
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -35,6 +97,8 @@ class Scene:
         views: The cameras that looked at the scene; with them, segmentation can tell foreground from
             background.
         name: For example the name of the file.
+        tracks: All cameras that saw each point, or None; `viewpoints` are then the nearest of them. A point
+            that several cameras agree on is lost to none of these, so keep them: cut a scene with `select`.
 
     Raises:
         InvalidInputError: An array has the wrong shape, type or range.
@@ -51,6 +115,7 @@ class Scene:
     viewpoints: NDArray[np.float64] | None = None
     views: tuple[View, ...] = ()
     name: str | None = None
+    tracks: Tracks | None = None
 
     # Written out, since what may be passed is wider than what is kept.
     def __init__(
@@ -61,11 +126,19 @@ class Scene:
         viewpoints: ArrayLike | None = None,
         views: Sequence[View] = (),
         name: str | None = None,
+        *,
+        tracks: Tracks | None = None,
     ) -> None:
         def keep(field: str, value: object) -> None:
             object.__setattr__(self, field, value)
 
         xyz = as_points(points)
+        if tracks is not None:
+            if len(tracks.counts) != len(xyz):
+                raise InvalidInputError(
+                    f"tracks must be those of the {len(xyz)} points, got those of {len(tracks.counts)}"
+                )
+            viewpoints = tracks.nearest() if viewpoints is None else viewpoints
         keep("points", read_only(xyz))
         keep("colors", None if colors is None else read_only(_as_colors(colors, len(xyz))))
         keep("normals", None if normals is None else read_only(_as_rows(normals, "normals", len(xyz))))
@@ -75,6 +148,7 @@ class Scene:
         )
         keep("views", as_views(views))
         keep("name", name)
+        keep("tracks", tracks)
 
     @classmethod
     def from_depth(
@@ -162,8 +236,8 @@ class Scene:
             scenes: At least one.
 
         Returns:
-            All points in order and all views. Colours, normals and viewpoints are kept where every scene has
-            them. The name is kept where all agree.
+            All points in order and all views. Colours, normals, viewpoints and tracks are kept where every
+            scene has them. The name is kept where all agree.
 
         Raises:
             InvalidInputError: `scenes` is empty, or holds something else.
@@ -187,6 +261,7 @@ class Scene:
             arrays = [getattr(scene, field) for scene in scenes]
             return None if any(array is None for array in arrays) else np.concatenate(arrays)
 
+        tracks = [scene.tracks for scene in scenes if scene.tracks is not None]
         # The same view object in several scenes is one view, and must not vote twice.
         views = {id(view): view for scene in scenes for view in scene.views}
         names = {scene.name for scene in scenes}
@@ -197,6 +272,43 @@ class Scene:
             joined("viewpoints"),
             tuple(views.values()),
             names.pop() if len(names) == 1 else None,
+            tracks=Tracks.join(tracks) if len(tracks) == len(scenes) else None,
+        )
+
+    def select(self, rows: ArrayLike) -> Scene:
+        """The scene of some of its points, with all that is known of them.
+
+        Args:
+            rows: (N,) mask, or the rows of the points.
+
+        Raises:
+            InvalidInputError: It is neither.
+
+        Example:
+            >>> scene = Scene([[0.0, 0.0, 1.0], [0.0, 1.0, 1.0]], viewpoints=[0.0, 0.0, 0.0])
+            >>> scene.select(scene.points[:, 1] > 0.5)
+            Scene(1 points, viewpoints)
+        """
+        chosen = np.asarray(rows)
+        is_mask = chosen.dtype == np.bool_ and chosen.shape == (len(self),)
+        is_rows = chosen.dtype.kind in "iu" and chosen.ndim == 1 and (chosen < len(self)).all()
+        if not is_mask and not (is_rows and (chosen >= 0).all()):
+            raise InvalidInputError(
+                f"rows must be a mask of the {len(self)} points or indices of them, got {chosen.dtype} of "
+                f"shape {chosen.shape}"
+            )
+
+        def some(array: NDArray[Any] | None) -> NDArray[Any] | None:
+            return None if array is None else array[chosen]
+
+        return Scene(
+            self.points[chosen],
+            some(self.colors),
+            some(self.normals),
+            some(self.viewpoints),
+            self.views,
+            self.name,
+            tracks=None if self.tracks is None else self.tracks.select(chosen),
         )
 
     def __len__(self) -> int:
@@ -215,46 +327,6 @@ class MeshVertices(Scene):
     """The vertices of a mesh, which are the points of a scan only where the mesh was made of one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """Which cameras saw each point.
-
-    Attributes:
-        places: (P, 3) float64, their centres.
-        counts: (N,) uint32, how many saw each point, at least one.
-        seen_from: (sum of the counts,) uint32, their numbers, one point after the other, the nearest first.
-    """
-
-    places: NDArray[np.float64]
-    counts: NDArray[np.uint32]
-    seen_from: NDArray[np.uint32]
-
-    def nearest(self) -> NDArray[np.float64]:
-        """(N, 3) centre of the nearest camera that saw each point."""
-        first = np.cumsum(self.counts) - self.counts
-        nearest: NDArray[np.float64] = self.places[self.seen_from[first]]
-        return nearest
-
-
-class FusedScene(Scene):
-    """Points on which several cameras agree; the viewpoint of each is the nearest of those in its track."""
-
-    tracks: Tracks
-
-    def __init__(
-        self,
-        points: ArrayLike,
-        tracks: Tracks,
-        *,
-        colors: ArrayLike | None,
-        normals: ArrayLike | None,
-        views: Sequence[View],
-        name: str,
-    ) -> None:
-        super().__init__(points, colors, normals, tracks.nearest(), views, name)
-        object.__setattr__(self, "tracks", tracks)
-
-
 def _as_rows(value: ArrayLike, name: str, count: int) -> NDArray[np.float64]:
     rows = as_points(value, name)
     if len(rows) != count:
@@ -267,6 +339,17 @@ def _as_viewpoints(value: ArrayLike, count: int) -> NDArray[np.float64]:
     if viewpoints.shape in ((3,), (1, 3)):
         viewpoints = np.tile(viewpoints.reshape(1, 3), (count, 1))
     return _as_rows(viewpoints, "viewpoints", count)
+
+
+def _as_numbers(value: ArrayLike, name: str) -> NDArray[np.uint32]:
+    numbers = np.asarray(value)
+    is_whole = numbers.dtype.kind in "iu" and numbers.ndim == 1
+    if not is_whole or (len(numbers) and (numbers.min() < 0 or numbers.max() >= 2**32)):
+        raise InvalidInputError(
+            f"{name} must be a list of whole numbers from 0 to 2^32 - 1, got {numbers.dtype} of shape "
+            f"{numbers.shape}"
+        )
+    return np.ascontiguousarray(numbers, dtype=np.uint32)
 
 
 def _unmasked(value: ArrayLike, name: str) -> NDArray[Any]:

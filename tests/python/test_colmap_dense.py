@@ -13,20 +13,50 @@ import sympose
 from sympose import datasets
 from sympose.errors import InvalidInputError
 from sympose.io import read, read_colmap, write
-from test_colmap import WRITERS, make_model, rotation
+from sympose.io.files import write_scene
+from sympose.scene import Scene
 
 
-def make_workspace(folder, kind="bin", count=40):
-    """A cloud beside a model, whose images are not in order; of each point the nearest camera that saw it."""
-    cameras, images, points = make_model()
+def cameras_on_a_circle(toward):
+    """Eight views from a circle of radius 5 about the origin, `toward` it (1) or away from it (-1)."""
+    camera = sympose.PinholeCamera(64, 48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
+    views = []
+    for angle in 2.0 * np.pi * np.arange(8) / 8:
+        pose = np.eye(4)
+        pose[:3, 3] = 5.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        pose[:3, 2] = -toward / 5.0 * pose[:3, 3]
+        pose[:3, 1] = [0.0, 0.0, -1.0]
+        pose[:3, 0] = np.cross(pose[:3, 1], pose[:3, 2])
+        views.append(sympose.View(camera, pose))
+    return views
+
+
+def write_views(folder, views):
+    """The model of a workspace: pinhole cameras, and images that are not in the order of their numbers."""
     (folder / "sparse").mkdir()
-    WRITERS[kind](folder / "sparse", cameras, images, points)
+    cameras, images = "", ""
+    for k, view in enumerate(views):
+        camera, pose = view.camera, view.camera_from_world
+        number = (5 * k + 3) % len(views)
+        cameras += f"{k} PINHOLE {camera.width} {camera.height} {camera.fx} {camera.fy} "
+        cameras += f"{camera.cx + 0.5} {camera.cy + 0.5}\n"
+        numbers = " ".join(str(x) for x in (*quaternion_from_matrix(pose), *pose[:3, 3]))
+        images += f"{number} {numbers} {k} {k}.png\n\n"
+    (folder / "sparse/cameras.txt").write_text(cameras)
+    (folder / "sparse/images.txt").write_text(images)
+    (folder / "sparse/points3D.txt").write_text("")
+
+
+def make_workspace(folder, count=40):
+    """A cloud in sight of all cameras, each point seen by some of them; of each the nearest that saw it."""
+    views = cameras_on_a_circle(1)
+    write_views(folder, views)
     rng = np.random.default_rng(6)
-    xyz = rng.normal(size=(count, 3))
+    xyz = rng.uniform(-0.5, 0.5, size=(count, 3))
     write(folder / "fused.ply", xyz, normals=rng.normal(size=(count, 3)))
-    tracks = [rng.choice(len(images), size=rng.integers(1, 5), replace=False) for _ in xyz]
+    tracks = [rng.choice(len(views), size=rng.integers(1, 5), replace=False) for _ in xyz]
     write_visibility(folder, tracks)
-    centers = np.array([-rotation(image["q"]).T @ image["t"] for image in images])
+    centers = np.array([view.center for view in views])
     nearest = [
         centers[track[np.linalg.norm(centers[track] - point, axis=1).argmin()]]
         for point, track in zip(xyz, tracks, strict=True)
@@ -41,15 +71,14 @@ def write_visibility(folder, tracks):
     (folder / "fused.ply.vis").write_bytes(data)
 
 
-@pytest.mark.parametrize("kind", ["bin", "txt"])
-def test_the_cloud_with_the_cameras_that_saw_it(tmp_path, kind):
-    xyz, nearest = make_workspace(tmp_path, kind)
+def test_the_cloud_with_the_cameras_that_saw_it(tmp_path):
+    xyz, nearest = make_workspace(tmp_path)
     scene = read_colmap(tmp_path)
     np.testing.assert_array_equal(scene.points, xyz)
     # Images are named by their place in the file, and views come in the order of their numbers.
     np.testing.assert_allclose(scene.viewpoints, nearest, atol=1e-12)
     assert scene.normals.shape == xyz.shape
-    assert len(scene.views) == 6
+    assert len(scene.views) == 8
     assert scene.name == tmp_path.name
     np.testing.assert_array_equal(read(tmp_path).viewpoints, scene.viewpoints)
 
@@ -60,7 +89,7 @@ def test_without_the_file_that_tells_what_saw_a_point(tmp_path):
     scene = read_colmap(tmp_path)
     assert len(scene) == len(xyz)
     assert scene.viewpoints is None
-    assert len(scene.views) == 6
+    assert len(scene.views) == 8
 
 
 def test_a_point_that_nothing_saw(tmp_path):
@@ -71,7 +100,7 @@ def test_a_point_that_nothing_saw(tmp_path):
 
 @pytest.mark.parametrize(
     ("tracks", "message"),
-    [([[0]] * 39, "39 points.*has 40"), ([[0]] * 39 + [[6]], "image 6.*has 6")],
+    [([[0]] * 39, "39 points.*has 40"), ([[0]] * 39 + [[8]], "image 8.*has 8")],
     ids=["of another cloud", "of another model"],
 )
 def test_visibility_that_does_not_fit(tmp_path, tracks, message):
@@ -79,6 +108,26 @@ def test_visibility_that_does_not_fit(tmp_path, tracks, message):
     write_visibility(tmp_path, tracks)
     with pytest.raises(InvalidInputError, match=f"fused.ply.vis: .*{message}"):
         read_colmap(tmp_path)
+
+
+def test_visibility_of_another_model(tmp_path):
+    """Points said to be seen by cameras that look elsewhere, as where images were numbered anew."""
+    views = cameras_on_a_circle(-1)
+    write_views(tmp_path, views)
+    write(tmp_path / "fused.ply", [2.0 * view.center for view in views])
+    write_visibility(tmp_path, [[k] for k in range(8)])
+    np.testing.assert_allclose(read_colmap(tmp_path).viewpoints, [view.center for view in views], atol=1e-12)
+    write_visibility(tmp_path, [[(k + 4) % 8] for k in range(8)])
+    with pytest.raises(InvalidInputError, match="8 of 8 points are not in the picture"):
+        read_colmap(tmp_path)
+
+
+def test_a_model_beside_the_cloud(tmp_path):
+    xyz, _ = make_workspace(tmp_path)
+    for path in (tmp_path / "sparse").iterdir():
+        path.rename(tmp_path / path.name)
+    (tmp_path / "sparse").rmdir()
+    assert len(read_colmap(tmp_path)) == len(xyz)
 
 
 @pytest.mark.parametrize("name", ["fused.ply", "fused.ply.vis"])
@@ -118,21 +167,6 @@ def fuse(scan, size, least):
     return means[agreed], [tracks[i] for i in agreed]
 
 
-def write_views(folder, views):
-    """The model of a workspace, which is pinhole cameras."""
-    (folder / "sparse").mkdir()
-    cameras, images = "", ""
-    for k, view in enumerate(views):
-        camera, pose = view.camera, view.camera_from_world
-        cameras += f"{k} PINHOLE {camera.width} {camera.height} {camera.fx} {camera.fy} "
-        cameras += f"{camera.cx + 0.5} {camera.cy + 0.5}\n"
-        numbers = " ".join(str(x) for x in (*quaternion_from_matrix(pose), *pose[:3, 3]))
-        images += f"{k} {numbers} {k} {k}.png\n\n"
-    (folder / "sparse/cameras.txt").write_text(cameras)
-    (folder / "sparse/images.txt").write_text(images)
-    (folder / "sparse/points3D.txt").write_text("")
-
-
 def test_holes_show_in_a_fused_cloud(tmp_path):
     """Were points measured by the nearest camera alone, the others would have lost them, and the holes."""
     flange = datasets.part("flange_8")
@@ -141,9 +175,14 @@ def test_holes_show_in_a_fused_cloud(tmp_path):
     write(tmp_path / "fused.ply", xyz)
     write_visibility(tmp_path, tracks)
     write_views(tmp_path, scan.scene.views)
-    estimate = sympose.estimate(tmp_path)
+    scene = read_colmap(tmp_path)
+    write_scene(tmp_path / "fused.npz", scene)
+    estimate = sympose.estimate(scene)
     assert estimate.order == 8
     assert estimate.score > 0.9
+    # What is kept of the scene, or written, knows the cameras, too.
+    for again in (Scene.merge([scene]), scene.select(np.arange(len(scene))), read(tmp_path / "fused.npz")):
+        assert sympose.estimate(again, views=()).order == 8
     axis = scan.world_from_object[:3, :3] @ flange.axis
     assert np.degrees(np.arccos(min(1.0, abs(estimate.axis @ axis)))) < 0.1
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from sympose.camera import PinholeCamera, View
 from sympose.errors import InvalidInputError
-from sympose.scene import Scene
+from sympose.scene import Scene, Tracks
 
 CAMERA = PinholeCamera(8, 6, fx=7.0, fy=7.5, cx=3.4, cy=2.6)
 TURNED = np.array([[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
@@ -240,3 +240,53 @@ def test_merge_counts_a_shared_view_once():
 def test_merge_needs_scenes(scenes):
     with pytest.raises(InvalidInputError):
         Scene.merge(scenes)
+
+
+TRACKS = Tracks([[0.0, 0.0, 5.0], [9.0, 0.0, 5.0], [1.0, 1.0, 1.0]], [2, 1, 3], [1, 0, 2, 0, 1, 2])
+
+
+def test_the_nearest_of_the_cameras_is_the_viewpoint():
+    scene = Scene(np.eye(3), tracks=TRACKS)
+    np.testing.assert_array_equal(scene.viewpoints, TRACKS.places[[1, 2, 0]])
+    assert not scene.tracks.seen_from.flags.writeable
+
+
+@pytest.mark.parametrize("rows", [[True, False, True], [0, 2]])
+def test_some_points_keep_what_is_known_of_them(rows):
+    whole = Scene(np.eye(3), np.eye(3), np.eye(3), tracks=TRACKS, name="it")
+    some = whole.select(rows)
+    for field in ("points", "colors", "normals", "viewpoints"):
+        np.testing.assert_array_equal(getattr(some, field), getattr(whole, field)[[0, 2]])
+    assert some.tracks.counts.tolist() == [2, 3]
+    assert some.tracks.seen_from.tolist() == [1, 0, 0, 1, 2]
+    assert some.name == "it"
+
+
+@pytest.mark.parametrize("rows", [[True, False], [3], [-1], [0.5], [[0]]])
+def test_rows_that_are_none_of_the_points(rows):
+    with pytest.raises(InvalidInputError, match="rows"):
+        Scene(np.eye(3)).select(rows)
+
+
+def test_merged_scenes_keep_the_cameras_of_all():
+    merged = Scene.merge([Scene(np.eye(3), tracks=TRACKS)] * 2)
+    assert merged.tracks.counts.tolist() == [2, 1, 3] * 2
+    assert merged.tracks.seen_from.tolist() == [1, 0, 2, 0, 1, 2, 4, 3, 5, 3, 4, 5]
+    assert Scene.merge([Scene(np.eye(3), tracks=TRACKS), Scene(np.eye(3))]).tracks is None
+
+
+@pytest.mark.parametrize(
+    ("counts", "seen_from", "message"),
+    [
+        ([1, 0, 1], [0, 1], "at least one"),
+        ([1, 1, 1], [0, 1], "add up to, 3"),
+        ([1, 1, 1], [0, 1, 3], "3 places, got 3"),
+        ([1, 1, -1], [0], "counts must be"),
+        ([1, 1, 1], [0.0, 1.0, 0.0], "seen_from must be"),
+    ],
+)
+def test_tracks_that_do_not_fit(counts, seen_from, message):
+    with pytest.raises(InvalidInputError, match=message):
+        Tracks(TRACKS.places, counts, seen_from)
+    with pytest.raises(InvalidInputError, match="2 points"):
+        Scene(np.eye(3)[:2], tracks=TRACKS)

@@ -23,7 +23,7 @@ from sympose.io.colmap_files import (
 )
 from sympose.io.damage import read_whole
 from sympose.io.ply import read_ply
-from sympose.scene import FusedScene, Scene, Tracks
+from sympose.scene import Scene, Tracks
 
 __all__ = ["read_colmap"]
 
@@ -53,8 +53,9 @@ def read_colmap(folder: str | os.PathLike[str]) -> Scene:
 
     Returns:
         The points in the order of the file, with colours, and normals where the file has them; the views in
-        the order of their numbers. The viewpoint of a point is the nearest camera that saw it; there are none
-        if for some point no camera is known. `estimate` knows of the other cameras, too.
+        the order of their numbers. `tracks` are the cameras that saw each point, and its viewpoint is the
+        nearest of these; there are none if for some point no camera is known. To estimate a piece, use `roi`
+        or `Scene.select`: the viewpoints alone would look as if the other cameras had lost the point.
 
     Raises:
         FileNotFoundError: There is no such folder.
@@ -74,17 +75,14 @@ def read_colmap(folder: str | os.PathLike[str]) -> Scene:
         cloud, tracks = Scene(model.points.xyz, model.points.rgb), _sparse_tracks(model)
     else:
         cloud = read_whole(read_ply, fused, "PLY")
-        model = _Model.read(root / "sparse")
+        model = _Model.read(root / "sparse" if (root / "sparse").is_dir() else root)
         tracks = _dense_tracks(cloud.points, Path(f"{fused}.vis"), model)
-    points, colors, normals, views = cloud.points, cloud.colors, cloud.normals, model.views
-    if tracks is None:
-        return Scene(points, colors, normals, None, views, name)
-    return FusedScene(points, tracks, colors=colors, normals=normals, views=views, name=name)
+    return Scene(cloud.points, cloud.colors, cloud.normals, None, model.views, name, tracks=tracks)
 
 
 @dataclass(frozen=True)
 class _Model:
-    """A model as it was read; `views` are in the order of the numbers of their `images`, which are not."""
+    """A model as it was read: the images in the order of the file, their views in that of their numbers."""
 
     images: list[ColmapImage]
     views: list[View]
@@ -167,9 +165,9 @@ def _sparse_tracks(model: _Model) -> Tracks | None:
     """The cameras of each track; images that are not in the model do not count."""
     points = model.points
     numbers = np.sort([image.number for image in model.images])
-    place = np.searchsorted(numbers, points.track_images)
+    view = np.searchsorted(numbers, points.track_images)
     is_known = np.isin(points.track_images, numbers)
-    return _nearest_first(points.xyz, points.track_lengths, place, is_known, model.views)
+    return _nearest_first(points.xyz, points.track_lengths, view, is_known, model.views)
 
 
 def _dense_tracks(xyz: NDArray[np.float64], path: Path, model: _Model) -> Tracks | None:
@@ -187,29 +185,58 @@ def _dense_tracks(xyz: NDArray[np.float64], path: Path, model: _Model) -> Tracks
             f"{path}: names image {images.max()}, but the model has {len(model.images)}, from 0; they do not "
             "belong together"
         )
-    place_of_image = np.argsort(np.argsort([image.number for image in model.images], kind="stable"))
-    is_known = np.ones(len(images), dtype=np.bool_)
-    return _nearest_first(xyz, lengths, place_of_image[images], is_known, model.views)
+    # COLMAP counts the images as they come in the file that it wrote, which need not be the order of their
+    # numbers.
+    view_of_image = np.argsort(np.argsort([image.number for image in model.images], kind="stable"))
+    view = view_of_image[images]
+    _check_seen(xyz, lengths, view, model.views, path)
+    return _nearest_first(xyz, lengths, view, np.ones(len(view), dtype=np.bool_), model.views)
+
+
+def _check_seen(
+    xyz: NDArray[np.float64],
+    lengths: NDArray[np.int64],
+    view: NDArray[np.int64],
+    views: list[View],
+    path: Path,
+) -> None:
+    """Refuse a file of another cloud or model: a camera has what it saw in its picture."""
+    # So many observations are looked at, and this share may be beside the picture.
+    looked_at, beside = 20_000, 0.1
+    step = max(1, len(view) // looked_at)
+    point, view = np.repeat(np.arange(len(xyz)), lengths)[::step], view[::step]
+    finite = np.isfinite(xyz[point]).all(axis=1)
+    point, view = point[finite], view[finite]
+    outside = 0
+    for k in np.unique(view):
+        outside += int((~views[k].project(xyz[point[view == k]])[2]).sum())
+    if outside > beside * len(view):
+        raise InvalidInputError(
+            f"{path}: {outside} of {len(view)} points are not in the picture of a camera that is said to "
+            "have seen them; the file is not of this cloud, or of another model"
+        )
 
 
 def _nearest_first(
     xyz: NDArray[np.float64],
     lengths: NDArray[np.int64],
-    place: NDArray[np.int64],
+    view: NDArray[np.int64],
     is_known: NDArray[np.bool_],
     views: list[View],
 ) -> Tracks | None:
     """The tracks without what is not known; None where nothing is left of one."""
     owner = np.repeat(np.arange(len(xyz)), lengths)[is_known]
-    place = place[is_known]
+    view = view[is_known]
     counts = np.bincount(owner, minlength=len(xyz))
     if not counts.all():
         return None
     centers = np.array([view.center for view in views])
     # Points that are not finite are dropped later, whatever saw them.
-    distance = np.nan_to_num(np.linalg.norm(centers[place] - xyz[owner], axis=1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        distance = np.nan_to_num(np.linalg.norm(centers[view] - xyz[owner], axis=1))
     first = np.cumsum(counts) - counts
     least = np.flatnonzero(distance == np.minimum.reduceat(distance, first)[owner])
+    # Of cameras equally near the first one.
     nearest = least[np.flatnonzero(np.diff(owner[least], prepend=-1))]
-    place[first], place[nearest] = place[nearest], place[first]
-    return Tracks(centers, counts.astype(np.uint32), place.astype(np.uint32))
+    view[first], view[nearest] = view[nearest], view[first]
+    return Tracks(centers, counts.astype(np.uint32), view.astype(np.uint32))

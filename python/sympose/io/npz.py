@@ -12,9 +12,11 @@ from sympose.arrays import as_floats
 from sympose.camera import PinholeCamera
 from sympose.errors import InvalidInputError
 from sympose.io.columns import known_normals, split_unnamed, to_colors
-from sympose.scene import Scene
+from sympose.scene import Scene, Tracks
 
 __all__ = ["read_npy", "read_npz", "write_npy", "write_npz"]
+
+_TRACKS = ("track_places", "track_counts", "track_seen_from")
 
 
 def read_npy(path: Path) -> Scene:
@@ -26,7 +28,7 @@ def read_npy(path: Path) -> Scene:
 
 
 def read_npz(path: Path) -> Scene:
-    """Read the keys points, normals, colors, viewpoints; a depth image and its K; or an unnamed array."""
+    """Read the keys that `write_npz` writes; a depth image and its K; or an unnamed array."""
     # Opened here, since np.load leaves a damaged archive open.
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         keys = set(archive.files)
@@ -37,6 +39,7 @@ def read_npz(path: Path) -> Scene:
                 known_normals(archive["normals"]) if "normals" in keys else None,
                 archive["viewpoints"] if "viewpoints" in keys else None,
                 name=path.name,
+                tracks=Tracks(*(archive[key] for key in _TRACKS)) if keys.issuperset(_TRACKS) else None,
             )
         if keys == {"arr_0"}:
             return _unnamed(archive["arr_0"], path)
@@ -67,7 +70,7 @@ def write_npy(path: Path, scene: Scene, single: bool) -> None:
 
 
 def write_npz(path: Path, scene: Scene, single: bool) -> None:
-    """Write the keys points, normals, colors, viewpoints."""
+    """Write the keys points, normals, colors, viewpoints, and those of tracks."""
     arrays: dict[str, NDArray[Any]] = {"points": scene.points.astype(_real(single))}
     if scene.normals is not None:
         arrays["normals"] = scene.normals.astype(_real(single))
@@ -75,6 +78,8 @@ def write_npz(path: Path, scene: Scene, single: bool) -> None:
         arrays["colors"] = scene.colors
     if scene.viewpoints is not None:
         arrays["viewpoints"] = scene.viewpoints
+    if scene.tracks is not None:
+        arrays |= {f"track_{name}": array for name, array in vars(scene.tracks).items()}
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
 
