@@ -70,7 +70,7 @@ pub(super) fn check_finite(py: Python<'_>, rows: &[[f64; 3]], name: &str) -> PyR
 /// Read with the GIL held: a copy of all rows takes longer.
 pub(super) fn viewpoints(value: &Bound<'_, PyAny>) -> PyResult<Viewpoints> {
     let name = "viewpoints";
-    if value.is_instance(&value.py().import("sympose.scene")?.getattr("Tracks")?)? {
+    if value.is_instance(&value.py().import("sympose.tracks")?.getattr("Tracks")?)? {
         return tracks(value);
     }
     let arrays = value.py().import("sympose.arrays")?;

@@ -122,6 +122,14 @@ def test_visibility_of_another_model(tmp_path):
         read_colmap(tmp_path)
 
 
+def test_points_that_are_not_finite_or_too_far_leave_the_others(tmp_path):
+    xyz, nearest = make_workspace(tmp_path)
+    xyz[[3, 17]] = [[np.nan, 0.0, 0.0], [1e200, 0.0, 0.0]]
+    write(tmp_path / "fused.ply", xyz)
+    others = np.delete(np.arange(len(xyz)), [3, 17])
+    np.testing.assert_allclose(read_colmap(tmp_path).viewpoints[others], nearest[others], atol=1e-12)
+
+
 def test_a_model_beside_the_cloud(tmp_path):
     xyz, _ = make_workspace(tmp_path)
     for path in (tmp_path / "sparse").iterdir():

@@ -8,7 +8,8 @@ from PIL import Image
 
 from sympose.camera import PinholeCamera, View
 from sympose.errors import InvalidInputError
-from sympose.scene import Scene, Tracks
+from sympose.scene import Scene
+from sympose.tracks import Tracks
 
 CAMERA = PinholeCamera(8, 6, fx=7.0, fy=7.5, cx=3.4, cy=2.6)
 TURNED = np.array([[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])

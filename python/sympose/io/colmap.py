@@ -23,7 +23,8 @@ from sympose.io.colmap_files import (
 )
 from sympose.io.damage import read_whole
 from sympose.io.ply import read_ply
-from sympose.scene import Scene, Tracks
+from sympose.scene import Scene
+from sympose.tracks import Tracks
 
 __all__ = ["read_colmap"]
 
@@ -208,8 +209,9 @@ def _check_seen(
     finite = np.isfinite(xyz[point]).all(axis=1)
     point, view = point[finite], view[finite]
     outside = 0
-    for k in np.unique(view):
-        outside += int((~views[k].project(xyz[point[view == k]])[2]).sum())
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in np.unique(view):
+            outside += int((~views[k].project(xyz[point[view == k]])[2]).sum())
     if outside > beside * len(view):
         raise InvalidInputError(
             f"{path}: {outside} of {len(view)} points are not in the picture of a camera that is said to "

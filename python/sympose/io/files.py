@@ -58,7 +58,8 @@ def read(path: str | os.PathLike[str]) -> Scene:
     - XYZ, TXT, CSV: see `sympose.io.table`.
     - NPY: (N, 3) points, or (N, 6) with normals or colours; of an organised cloud (H, W, 3).
     - NPZ: one array without a name, as in NPY; or keys `points`, and optionally `normals`, `colors`,
-      `viewpoints`; or `depth` (or `depth_m`) with `K`, and optionally `rgb`, `world_from_camera`,
+      `viewpoints`, and those of `Scene.tracks`, `track_places`, `track_counts` and `track_seen_from`; or
+      `depth` (or `depth_m`) with `K`, and optionally `rgb`, `world_from_camera`,
       `depth_scale`: a depth image as in `Scene.from_depth`.
     - COLMAP: see `read_colmap`.
 

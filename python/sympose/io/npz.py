@@ -12,7 +12,8 @@ from sympose.arrays import as_floats
 from sympose.camera import PinholeCamera
 from sympose.errors import InvalidInputError
 from sympose.io.columns import known_normals, split_unnamed, to_colors
-from sympose.scene import Scene, Tracks
+from sympose.scene import Scene
+from sympose.tracks import Tracks
 
 __all__ = ["read_npy", "read_npz", "write_npy", "write_npz"]
 
