@@ -68,8 +68,8 @@ impl Viewpoints {
     }
 
     /// Takes the cameras that saw each point, where points are such as several agree on: those that structure from motion finds
-    /// and stereo fuses. They see what stands before a point, but where no point is, they tell nothing: surfaces without texture
-    /// leave none.
+    /// and stereo fuses. The way from each of its cameras to a point is free; where there is no point, nothing is known, since
+    /// surfaces without texture leave none.
     ///
     /// The first `counts[0]` of `seen_from` are the numbers of the `places` that saw the first point, and so on. A point counts as
     /// measured from the first of its places: let that be the nearest.

@@ -77,9 +77,10 @@ pub struct Visibility {
 
 impl Visibility {
     /// Bins the points of each view by direction: `count` of them, which `point_of` gives as often as they are asked for,
-    /// each seen from those of `places` that `places_of` numbers, at least one. `None` where there is no view with enough points. Whether
-    /// returns are lost, and at which angles, is judged by the points of the part, of which `normal_of` gives the normals: the
-    /// support reaches beyond the picture of a camera. `pictures` are those that are known.
+    /// each seen from those of `places` that `places_of` numbers, at least one, of which the first measured it. `None` where
+    /// there is no view with enough points. Whether returns are lost, and at which angles, is judged by the points of the part,
+    /// of which `normal_of` gives the normals: the support reaches beyond the picture of a camera. `pictures` are those that
+    /// are known.
     #[must_use]
     pub fn new<I: IntoIterator<Item = usize>>(
         count: usize,
@@ -179,8 +180,8 @@ impl Visibility {
 
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
-    /// grazing angle, where many are lost nothing unless another camera misses it, too, and in a fused cloud nothing. Of surfaces steeper than all that was
-    /// measured a return from behind says nothing either. Where returns of a camera may be lost, as `is_barred` says given its
+    /// grazing angle, where many are lost nothing unless another camera misses it, too, and in a fused cloud nothing. Of
+    /// surfaces steeper than all that was measured a return from behind says nothing either. Where returns of a camera may be lost, as `is_barred` says given its
     /// place, a missing one says nothing, and one beside a missing one proves nothing free. What lies below the support is free.
     #[must_use]
     pub fn seen(
