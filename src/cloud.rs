@@ -180,7 +180,7 @@ impl PointCloud {
     pub fn with_viewpoints_from_order(&self) -> Option<Self> {
         // The points are finite: there is no error.
         let SensorPlaces { places, place_of, .. } = viewpoints_from_order(&self.points).ok()??;
-        Some(Self { viewpoints: Viewpoints { places, place_of, tracks: None }, ..self.clone() })
+        Some(Self { viewpoints: Viewpoints::of_places(places, place_of), ..self.clone() })
     }
 
     fn check_rows(&self, what: &'static str, got: usize) -> Result<()> {

@@ -21,29 +21,39 @@ use crate::error::{Error, Result};
 pub struct Viewpoints {
     /// Its places; empty when they are unknown.
     pub(crate) places: Vec<[f64; 3]>,
-    /// For each point its place; empty where all points have the first one.
-    pub(crate) place_of: Vec<u32>,
-    /// What else saw each point, where that is known.
-    pub(crate) tracks: Option<Tracks>,
+    seen_from: SeenFrom,
 }
 
-/// The places that saw each point, that from which it counts as seen first.
+/// Which of the places saw a point.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Tracks {
-    /// For each point the end of its places in the list of all.
+enum SeenFrom {
+    /// The first one, whichever point.
+    #[default]
+    First,
+    /// One for each point: its number.
+    One(Vec<u32>),
+    /// For each point several, of which the first one counts as that which measured it.
+    Several(Tracks),
+}
+
+/// The numbers of the places that saw each point.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Tracks {
+    /// For each point the end of its numbers in the list of all.
     ends: Vec<usize>,
-    places: Vec<u32>,
+    numbers: Vec<u32>,
 }
 
 impl Tracks {
-    fn push(&mut self, places: impl Iterator<Item = u32>) {
-        self.places.extend(places);
-        self.ends.push(self.places.len());
+    fn push(&mut self, numbers: impl Iterator<Item = u32>) {
+        self.numbers.extend(numbers);
+        self.ends.push(self.numbers.len());
     }
 
+    /// Those of a point; none where there is no such point.
     fn of(&self, point: usize) -> &[u32] {
-        let start = point.checked_sub(1).map_or(0, |last| self.ends[last]);
-        &self.places[start..self.ends[point]]
+        let start = point.checked_sub(1).and_then(|last| self.ends.get(last)).map_or(0, |&end| end);
+        self.ends.get(point).map_or(&[], |&end| &self.numbers[start..end])
     }
 }
 
@@ -52,19 +62,24 @@ impl Viewpoints {
     #[must_use]
     pub fn of_rows(rows: &[[f64; 3]]) -> Self {
         if let [one] = rows {
-            return Self { places: vec![*one], ..Self::default() };
+            return Self { places: vec![*one], seen_from: SeenFrom::First };
         }
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
-        let mut found = Self { place_of: Vec::with_capacity(rows.len()), ..Self::default() };
+        let (mut places, mut place_of) = (Vec::new(), Vec::with_capacity(rows.len()));
         // Scans come view by view, so that the same place mostly follows itself.
         for run in rows.chunk_by(|a, b| a == b) {
             let place = *known.entry(run[0].map(f64::to_bits)).or_insert_with(|| {
-                found.places.push(run[0]);
-                found.places.len() as u32 - 1
+                places.push(run[0]);
+                places.len() as u32 - 1
             });
-            found.place_of.resize(found.place_of.len() + run.len(), place);
+            place_of.resize(place_of.len() + run.len(), place);
         }
-        found
+        Self::of_places(places, place_of)
+    }
+
+    /// Takes the place of each point by its number.
+    pub(crate) fn of_places(places: Vec<[f64; 3]>, place_of: Vec<u32>) -> Self {
+        Self { places, seen_from: SeenFrom::One(place_of) }
     }
 
     /// Takes the cameras that saw each point, where points are such as several agree on: those that structure from motion finds
@@ -99,51 +114,62 @@ impl Viewpoints {
         if let Some(&number) = seen_from.iter().find(|&&number| number as usize >= places.len()) {
             return invalid("seen_from", number.to_string(), "numbers of the places, from 0");
         }
-        let (mut tracks, mut place_of, mut left) = (Tracks::default(), Vec::new(), seen_from);
-        for &count in counts {
-            let (track, others) = left.split_at(count as usize);
-            place_of.push(track[0]);
-            tracks.push(track.iter().copied());
-            left = others;
-        }
+        let end_of = |end: &mut usize, &count: &u32| {
+            *end += count as usize;
+            Some(*end)
+        };
+        let tracks = Tracks { ends: counts.iter().scan(0, end_of).collect(), numbers: seen_from.to_vec() };
         let all: Vec<u32> = (0..counts.len() as u32).collect();
         // Without cameras that saw nothing.
-        Ok(Self { places: places.to_vec(), place_of, tracks: Some(tracks) }.of_points(&all))
+        Ok(Self { places: places.to_vec(), seen_from: SeenFrom::Several(tracks) }.of_points(&all))
+    }
+
+    /// Whether the points are such as several cameras agree on.
+    pub(crate) fn are_tracks(&self) -> bool {
+        matches!(self.seen_from, SeenFrom::Several(_))
     }
 
     /// Numbers of all places that saw point `index`, that from which it counts as seen first.
+    #[inline]
     pub(crate) fn places_of(&self, index: usize) -> &[u32] {
-        match &self.tracks {
-            Some(tracks) => tracks.of(index),
-            None => self.place_of.get(index..=index).unwrap_or(&[0]),
+        match &self.seen_from {
+            SeenFrom::First => &[0],
+            SeenFrom::One(numbers) => numbers.get(index..=index).unwrap_or(&[]),
+            SeenFrom::Several(tracks) => tracks.of(index),
         }
     }
 
-    /// Number of place that point `index` was seen from; 0 where none is known.
+    /// Number of the place that point `index` counts as seen from; 0 where none is known.
     #[inline]
     pub(crate) fn place_of(&self, index: usize) -> usize {
-        self.place_of.get(index).map_or(0, |&place| place as usize)
+        self.places_of(index).first().map_or(0, |&number| number as usize)
     }
 
     /// Where point `index` was seen from; `None` where that is not known, or there is no such point.
     #[inline]
     #[must_use]
     pub fn of_point(&self, index: usize) -> Option<[f64; 3]> {
-        let place = if self.are_one() { 0 } else { *self.place_of.get(index)? as usize };
-        self.places.get(place).copied()
+        let number = *self.places_of(index).first()?;
+        self.places.get(number as usize).copied()
     }
 
-    /// Whether they were given by a single row, for all points.
-    fn are_one(&self) -> bool {
-        self.places.len() == 1 && self.place_of.is_empty() && self.tracks.is_none()
+    /// Number of points that they are for; any where one place is for all.
+    fn len(&self) -> Option<usize> {
+        match &self.seen_from {
+            SeenFrom::First => self.places.is_empty().then_some(0),
+            SeenFrom::One(numbers) => Some(numbers.len()),
+            SeenFrom::Several(tracks) => Some(tracks.ends.len()),
+        }
     }
 
     /// Refuses them unless they are those of so many points, or one for all.
     pub(crate) fn check_len(&self, points: usize) -> Result<()> {
-        if self.are_one() || self.place_of.len() == points {
-            return Ok(());
+        match self.len() {
+            Some(got) if got != points => {
+                Err(Error::LengthMismatch { what: "viewpoints", expected: points, got })
+            }
+            _ => Ok(()),
         }
-        Err(Error::LengthMismatch { what: "viewpoints", expected: points, got: self.place_of.len() })
     }
 
     /// Refuses a place with a coordinate that is NaN, infinite, or too large to be squared safely.
@@ -152,7 +178,7 @@ impl Viewpoints {
         if !self.places.iter().any(is_bad) {
             return Ok(());
         }
-        let total = self.place_of.len().max(1);
+        let total = self.len().unwrap_or(1);
         let count = (0..total)
             .filter(|&i| self.places_of(i).iter().any(|&p| is_bad(&self.places[p as usize])))
             .count();
@@ -165,25 +191,28 @@ impl Viewpoints {
 
     /// Those of some of the points, in this order, without places that none of these was seen from.
     pub(crate) fn of_points(self, rows: &[u32]) -> Self {
-        if self.are_one() {
-            return self;
-        }
         let mut renumbered: Vec<Option<u32>> = vec![None; self.places.len()];
         let mut places = Vec::new();
-        let mut renumber = |place: u32| {
-            *renumbered[place as usize].get_or_insert_with(|| {
-                places.push(self.places[place as usize]);
+        let mut renumber = |number: u32| {
+            *renumbered[number as usize].get_or_insert_with(|| {
+                places.push(self.places[number as usize]);
                 places.len() as u32 - 1
             })
         };
-        let place_of = rows.iter().map(|&row| renumber(self.place_of[row as usize])).collect();
-        let tracks = self.tracks.map(|tracks| {
-            let mut kept = Tracks::default();
-            rows.iter()
-                .for_each(|&row| kept.push(tracks.of(row as usize).iter().map(|&place| renumber(place))));
-            kept
-        });
-        Self { places, place_of, tracks }
+        let seen_from = match &self.seen_from {
+            SeenFrom::First => return self,
+            SeenFrom::One(numbers) => {
+                SeenFrom::One(rows.iter().map(|&row| renumber(numbers[row as usize])).collect())
+            }
+            SeenFrom::Several(tracks) => {
+                let mut kept = Tracks::default();
+                for &row in rows {
+                    kept.push(tracks.of(row as usize).iter().map(|&number| renumber(number)));
+                }
+                SeenFrom::Several(kept)
+            }
+        };
+        Self { places, seen_from }
     }
 }
 

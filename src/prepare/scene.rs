@@ -219,7 +219,7 @@ impl<'a> Scene<'a> {
             (voxel != NONE).then(|| normals[voxel as usize].into())
         };
         let seen = Visibility::new(left.len(), point, &self.places, places_of, normal_of, &self.pictures())?;
-        Some(if self.cloud.viewpoints().tracks.is_some() { seen.fused() } else { seen })
+        Some(if self.cloud.viewpoints().are_tracks() { seen.fused() } else { seen })
     }
 
     /// The fields of view of the cameras, in the frame of the points.

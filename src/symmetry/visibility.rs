@@ -181,8 +181,9 @@ impl Visibility {
     /// What the cameras say about a surface at `point` that faces along `normal`, where that is known; a measurement
     /// within `margin` \[length\] in front of it counts as hiding it. A missing return says nothing of a surface at a
     /// grazing angle, where many are lost nothing unless another camera misses it, too, and in a fused cloud nothing. Of
-    /// surfaces steeper than all that was measured a return from behind says nothing either. Where returns of a camera may be lost, as `is_barred` says given its
-    /// place, a missing one says nothing, and one beside a missing one proves nothing free. What lies below the support is free.
+    /// surfaces steeper than all that was measured a return from behind says nothing either. Where returns of a camera may be
+    /// lost, as `is_barred` says given its place, a missing one says nothing, and one beside a missing one proves nothing free.
+    /// What lies below the support is free.
     #[must_use]
     pub fn seen(
         &self,
