@@ -75,7 +75,7 @@ pub enum Origin {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Yaw {
-    /// Phase of the n-th angular harmonic of the outline, or of the area where the outline has none.
+    /// Phase of the n-th angular harmonic of the outline, where it has none of the flanks of blades and spokes, else of the area.
     #[default]
     Harmonic,
     /// Extreme of the angular histogram of the completed cloud: the paper's.

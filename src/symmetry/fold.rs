@@ -37,6 +37,8 @@ pub(crate) struct FoldedPoint {
     pub slope: f64,
     /// Component of the normal away from the axis.
     pub radial: f64,
+    /// Component of the normal around the axis, which no surface of revolution has.
+    pub around: f64,
     /// Area of the completed surface that it stands for [squared length].
     pub area: f64,
     /// Area that it stands for in the outline of the part seen along the axis [squared length].
@@ -78,12 +80,14 @@ pub(crate) fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -
             let p = to_axis * (point - axis.point);
             let n = to_axis * normal;
             let radius = p.xy().norm_squared().sqrt();
+            let outward = p.xy() / radius.max(f64::MIN_POSITIVE);
             FoldedPoint {
                 radius,
                 angle: p.y.atan2(p.x),
                 height: p.z,
                 slope: n.z,
-                radial: n.xy().dot(&p.xy()) / radius.max(f64::MIN_POSITIVE),
+                radial: n.xy().dot(&outward),
+                around: outward.perp(&n.xy()),
                 ..FoldedPoint::default()
             }
         })

@@ -37,8 +37,8 @@ const DECISIVE_SKEWNESS: f64 = 0.05;
 /// Points the axis the way it pointed before, away from the ground, toward the sensors, or by the shape; says which rule
 /// decided.
 ///
-/// `previous` is the direction of an earlier pose; `up` is the unit normal of the support plane toward the part; `toward_sensors` the mean unit direction from the part
-/// to the sensors, short when they stand all round.
+/// `previous` is the direction of an earlier pose; `up` is the unit normal of the support plane toward the part;
+/// `toward_sensors` the mean unit direction from the part to the sensors, short when they stand all round.
 #[must_use]
 pub(crate) fn decide_sign(
     axis: &Axis,
@@ -158,11 +158,15 @@ pub(crate) fn find_heading(folded: &Folded, order: Order, rule: Yaw) -> Heading 
 /// Phase of the n-th angular Fourier coefficient [rad within a sector] and its standard deviation.
 ///
 /// The outline of the part, seen along the axis, is the same from whichever side a camera looks, and so is its phase.
-/// Where it has none (blades on a disk, grooves, rows of teeth staggered by half a step), the area of the surface
-/// decides: weighted by radius, or plain or by height where that agrees far better on a phase.
+/// Where it has none (blades on a disk, grooves), the flanks decide, the surface that faces around the axis; rims and disks,
+/// of which a camera sees more here and less there, are none. Where too few of them agree (wide windows, rows of teeth
+/// staggered by half a step), the area of the surface decides: weighted by radius, or plain or by height where that agrees
+/// far better on a phase.
 fn harmonic_phase(folded: &Folded, n: u32) -> (f64, f64) {
     /// Share of the outline that must agree on a phase.
-    const OUTLINED: f64 = 0.015;
+    const OUTLINED: f64 = 0.03;
+    /// Share of the flanks that must.
+    const FLANKED: f64 = 0.2;
     /// How much better others must agree than the one that is preferred, so that chance does not choose.
     const FAR_BETTER: f64 = 2.0;
     /// Another scan may decide otherwise where a decision was closer than this.
@@ -170,17 +174,20 @@ fn harmonic_phase(folded: &Folded, n: u32) -> (f64, f64) {
     let [mean_height, mean_radius] = [folded.mean(|p| p.height), folded.mean(|p| p.radius)];
     let harmonic = |weight: &dyn Fn(&FoldedPoint) -> f64| Harmonic::new(folded, n, weight);
     let outline = harmonic(&|p| p.radius * p.outline);
-    let clear = outline.agreement / OUTLINED;
-    if clear > CLOSE {
+    let outlined = outline.agreement / OUTLINED;
+    if outlined > CLOSE {
         return (outline.phase, outline.sigma);
     }
+    let flanks = harmonic(&|p| p.radius * p.area * p.around.powi(2));
+    let flanked = flanks.agreement / FLANKED;
     let by_radius = harmonic(&|p| p.radius * p.area * (p.radius - mean_radius));
     let plain = harmonic(&|p| p.radius * p.area);
     let by_height = harmonic(&|p| p.radius * p.area * (p.height - mean_height));
     let other = if plain.agreement > by_height.agreement { plain } else { by_height };
     let better = other.agreement / (FAR_BETTER * by_radius.agreement);
     let by_area = decided(by_radius, other, better, CLOSE, n);
-    let chosen = decided(by_area, outline, clear, CLOSE, n);
+    let by_surface = decided(by_area, flanks, flanked, CLOSE, n);
+    let chosen = decided(by_surface, outline, outlined, CLOSE, n);
     (chosen.phase, chosen.sigma)
 }
 
