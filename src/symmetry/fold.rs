@@ -95,8 +95,10 @@ pub(crate) fn fold(samples: &Samples, axis: &Axis, order: Order, spacing: f64) -
     let rim = points.iter().fold(0.0_f64, |rim, p| rim.max(p.radius));
     let cell = spacing.max(rim / RINGS);
     if cell > 0.0 {
-        let flat: Vec<FoldedPoint> =
-            points.iter().map(|p| FoldedPoint { height: 0.0, slope: 1.0, radial: 0.0, ..*p }).collect();
+        let flat: Vec<FoldedPoint> = points
+            .iter()
+            .map(|p| FoldedPoint { height: 0.0, slope: 1.0, radial: 0.0, around: 0.0, ..*p })
+            .collect();
         let (outlines, areas) = rayon::join(|| areas(&flat, order, cell), || areas(&points, order, cell));
         for (point, (area, outline)) in points.iter_mut().zip(areas.into_iter().zip(outlines)) {
             *point = FoldedPoint { area, outline, ..*point };
