@@ -28,6 +28,7 @@ use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, group_size};
 use crate::symmetry::surface::{Gate, Surface};
 use crate::symmetry::sweep::Turning;
+use crate::symmetry::teeth::{Teeth, teeth};
 
 /// Points on which the final axis is judged.
 const JUDGED: usize = 4000;
@@ -249,16 +250,40 @@ impl Estimator {
         let sight = prepared.sight(axis);
         let turning = Turning { surface, axis, gate, sight, control };
         let mut detection = detect_order(&turning, params)?;
-        let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
-        if let Some(order) = detection.order.filter(|_| shows_details) {
-            detection.details = contradicting_details(&turning, order, params)?;
-            if let Some(Details::OfOrder { order, .. }) = detection.details {
+        if let Some(rest) = detection.order {
+            let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
+            let (order, details) = self.with_details(&turning, rest, shows_details, params)?;
+            detection.details = details;
+            if order != rest {
                 // What was faint is the order of the rest.
-                (detection.order, detection.faint) = (Some(Order::Cyclic(order)), false);
+                (detection.order, detection.faint) = (Some(order), false);
                 detection.looked_for = params.max_order;
             }
         }
         Ok(detection)
+    }
+
+    /// The order of a surface with small details, being `rest` without them: teeth, where it seems round, and what its rings show.
+    fn with_details(
+        &self,
+        turning: &Turning<'_>,
+        rest: Order,
+        rings_show_them: bool,
+        params: &DetectParams,
+    ) -> Result<(Order, Option<Details>)> {
+        let Turning { surface, axis, .. } = turning;
+        let may_have_teeth =
+            self.config().order == Order::Auto && rest == Order::Continuous && surface.oriented;
+        let teeth = may_have_teeth.then(|| teeth(surface, axis, params.max_order)).flatten();
+        let toothed = if let Some(Teeth::Number(n)) = teeth { Order::Cyclic(n) } else { rest };
+        let details = if rings_show_them { contradicting_details(turning, toothed, params)? } else { None };
+        let of_order = |order: u32| (Order::Cyclic(order), Some(Details::OfOrder { order, rest }));
+        Ok(match (details, teeth) {
+            (Some(Details::OfOrder { order, .. }), _) => of_order(order),
+            (None, Some(Teeth::Number(n))) => of_order(n),
+            (None, Some(Teeth::Unclear)) => (rest, Some(Details::OfNone)),
+            (details, _) => (toothed, details),
+        })
     }
 
     /// Aligns on a few of the points, then on many, then moves all points too.

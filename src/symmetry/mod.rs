@@ -90,6 +90,7 @@ pub(crate) mod sight;
 pub(crate) mod solver;
 pub mod surface;
 pub(crate) mod sweep;
+pub(crate) mod teeth;
 mod view_axes;
 pub mod view_errors;
 pub mod visibility;

@@ -31,6 +31,15 @@ def gear(teeth: int, *, hub: bool) -> Part:
     return solid_part(solid, teeth)
 
 
+def grooved_knob(grooves: int) -> Part:
+    """A disk of diameter 0.9 with grooves along its rim, 0.028 wide and half as deep."""
+    solid = cylinder(0.3, 0.45, 0.0)
+    groove = manifold3d.CrossSection.square((0.02, 0.02), center=True).rotate(45).extrude(0.5)
+    for k in range(grooves):
+        solid -= groove.translate([0.45, 0.0, -0.1]).rotate([0.0, 0.0, 360.0 * k / grooves])
+    return solid_part(solid, grooves)
+
+
 def plate(*, recess: bool) -> Part:
     """A plate with four holes, and a shallow recess that only one of its ends has."""
     solid = manifold3d.Manifold.cube([0.8, 0.5, 0.12], center=True)
@@ -69,6 +78,13 @@ def test_half_turns_about_two_lines_tell_the_axis_of_a_gear_from_the_side(teeth:
     found = sympose.estimate(scanned.scene)
     assert found.order == teeth
     assert abs(found.pose[:3, 2] @ scanned.axis) > np.cos(np.radians(0.5))
+
+
+@pytest.mark.parametrize(("grooves", "views"), [(43, 1), (52, 3), (58, 1)])
+def test_grooves_too_narrow_to_see_through_are_counted_by_their_flanks(grooves: int, views: int) -> None:
+    found = sympose.estimate(scan(grooved_knob(grooves), "sphere", views=views, seed=1).scene)
+    assert found.order == grooves
+    assert found.score > 0.9
 
 
 def test_teeth_too_fine_for_an_order_are_remarked_on() -> None:
