@@ -113,12 +113,15 @@ fn rings_with_details(turning: &Turning<'_>, order: Order) -> (Rings, HashSet<Ri
 fn part_that_holds(sweep: &Sweep, samples: &[usize], parts: &[u32], share: f64) -> Option<u32> {
     /// Share of the evidence against the group that may speak against a part of it, on average and at the worst angle.
     const LEFT: [f64; 2] = [0.25, 0.5];
+    /// How much more evidence a half turn needs, which has only one angle to be contradicted at.
+    const HALF_TURN: f64 = 1.5;
+    let expected = |part: u32| if part == 2 { HALF_TURN * EXPECTED } else { EXPECTED };
     let holding: Vec<(u32, f64)> = (parts.iter())
         .map(|&part| (part, sweep.order(part, samples)))
-        .filter(|(_, evidence)| {
+        .filter(|(part, evidence)| {
             evidence.sum.share_against() < LEFT[0] * share
                 && evidence.worst < LEFT[1] * share
-                && share * evidence.sum.total() > EXPECTED
+                && share * evidence.sum.total() > expected(*part)
         })
         .map(|(part, evidence)| (part, evidence.sum.share_against()))
         .collect();

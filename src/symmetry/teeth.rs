@@ -47,12 +47,13 @@ pub(crate) fn teeth(surface: &Surface, axis: &Axis, largest: u32) -> Option<Teet
         holds.then(|| (n, likeness.value()))
     };
     // Teeth are alike in twos and threes, too, but those do not stand evenly.
-    let held: Vec<(u32, f64)> = (2..=largest).into_par_iter().filter_map(held).collect();
+    let held: Vec<(u32, f64)> = (3..=largest).into_par_iter().filter_map(held).collect();
     let even = held.iter().map(|&(n, alike)| (evenness(&rings, n), n, alike));
     let (even, n, alike) = even.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 > SOMEWHAT[1])?;
     let differ = held.iter().any(|(part, of_part)| n.is_multiple_of(*part) && of_part - alike > DIFFERENT);
     let is_rivalled = [n - 1, n + 1].iter().any(|&beside| evenness(&rings, beside) > BESIDE * even);
-    let is_certain = alike > CERTAIN[0] && even > CERTAIN[1] && !differ && !is_rivalled;
+    let is_clear = !differ && !is_rivalled && many_have_flanks(&rings, n);
+    let is_certain = alike > CERTAIN[0] && even > CERTAIN[1] && is_clear;
     Some(if is_certain { Teeth::Number(n) } else { Teeth::Unclear })
 }
 
@@ -190,27 +191,21 @@ impl Mean {
 }
 
 /// How evenly flanks that face the same way stand as `n` of them do, in [0, 1]: the length of the mean of their phases, squared,
-/// each pair of points counted once; 0 where few of the `n` teeth have any. A view from one side shows other flanks on its left
-/// than on its right, so that those facing one way are not compared with the others.
+/// each pair of points counted once. A view from one side shows other flanks on its left than on its right, so that those facing
+/// one way are not compared with the others.
 fn evenness(rings: &[Flanked], n: u32) -> f64 {
-    /// Teeth that must have flanks [number, share]; flanks that one must have, at least [those of the mean].
-    const STANDING: (usize, f64) = (5, 0.3);
-    const FLANKED: f64 = 0.25;
     let (mut even, mut all) = (0.0, 0.0);
-    let mut teeth = vec![0.0; n as usize];
     for ring in rings {
         for side in [-1.0, 1.0] {
             let (mut along, mut across, mut sum, mut squares) = (0.0, 0.0, 0.0, 0.0);
             for place in &ring.places {
                 let weight = side * place.aside;
                 if weight > 0.0 {
-                    let tooth = f64::from(n) * place.turn;
-                    let (sine, cosine) = (TAU * tooth).sin_cos();
+                    let (sine, cosine) = (TAU * f64::from(n) * place.turn).sin_cos();
                     along += weight * cosine;
                     across += weight * sine;
                     sum += weight;
                     squares += weight * weight;
-                    teeth[tooth as usize % n as usize] += weight;
                 }
             }
             let pairs = sum * sum - squares;
@@ -220,10 +215,22 @@ fn evenness(rings: &[Flanked], n: u32) -> f64 {
             }
         }
     }
-    let flanked = FLANKED * teeth.iter().sum::<f64>() / f64::from(n);
-    let standing = teeth.iter().filter(|tooth| **tooth > flanked).count();
-    let enough = standing >= STANDING.0 && standing as f64 >= STANDING.1 * f64::from(n);
-    if enough { even / f64::max(all, f64::MIN_POSITIVE) } else { 0.0 }
+    even / f64::max(all, f64::MIN_POSITIVE)
+}
+
+/// Whether many of `n` teeth have flanks: any two bosses stand evenly as those of some number of teeth.
+fn many_have_flanks(rings: &[Flanked], n: u32) -> bool {
+    /// Teeth that must have flanks where most of them have none [number, share].
+    const MANY: (usize, f64) = (5, 0.3);
+    /// Flanks that a tooth must have, at least [those of the mean].
+    const FLANKED: f64 = 0.25;
+    let mut teeth = vec![0.0; n as usize];
+    for place in rings.iter().flat_map(|ring| &ring.places) {
+        teeth[(f64::from(n) * place.turn) as usize % n as usize] += place.aside.abs();
+    }
+    let enough = FLANKED * teeth.iter().sum::<f64>() / f64::from(n);
+    let flanked = teeth.iter().filter(|tooth| **tooth > enough).count();
+    2 * flanked > n as usize || flanked >= MANY.0 && flanked as f64 >= MANY.1 * f64::from(n)
 }
 
 #[cfg(test)]
@@ -274,10 +281,16 @@ mod tests {
     #[test]
     fn what_is_round_has_no_teeth() {
         assert_eq!(found(|_| 0.0, 1.0), None);
-        // A single boss, and two of them side by side.
-        assert_eq!(found(|angle| -0.03 * (-((angle - 2.0) / 0.03).powi(2)).exp(), 1.0), None);
-        let boss = |angle: f64, at: f64| (-((angle - at) / 0.03).powi(2)).exp();
-        assert_eq!(found(|angle| -0.03 * (boss(angle, 1.0) + boss(angle, 1.7)), 1.0), None);
+    }
+
+    #[test]
+    fn bosses_have_no_number_of_teeth() {
+        let boss = |angle: f64, at: f64| 0.03 * (-((angle - at) / 0.03).powi(2)).exp();
+        assert_eq!(found(|angle| -boss(angle, 2.0), 1.0), None);
+        // Two of them a ninth of a turn apart.
+        let two = |angle| -boss(angle, 1.0) - boss(angle, 1.0 + TAU / 9.0);
+        assert!(!matches!(found(two, 1.0), Some(Teeth::Number(_))));
+        assert!(!matches!(found(two, 0.4), Some(Teeth::Number(_))));
     }
 
     #[test]
