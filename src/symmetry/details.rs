@@ -256,6 +256,23 @@ impl Place {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::symmetry::sweep::tests::sweep;
+    use crate::symmetry::sweep::up_to;
+
+    #[test]
+    fn a_half_turn_needs_more_evidence_than_other_turns() {
+        let all_but = |fraction| -> Vec<(u32, u32)> {
+            up_to(6).into_iter().filter(|other| *other != fraction).collect()
+        };
+        // A share of 0.1 of `samples` contradictions would be expected.
+        let holding = |fraction, samples: usize| {
+            part_that_holds(&sweep(6, &all_but(fraction)), &vec![0; samples], &[2, 3], 0.1)
+        };
+        assert_eq!(holding((1, 3), 115), None);
+        assert_eq!(holding((1, 3), 140), Some(3));
+        assert_eq!(holding((1, 2), 140), None);
+        assert_eq!(holding((1, 2), 200), Some(2));
+    }
 
     #[test]
     fn a_place_is_denied_by_several_points_that_agree() {

@@ -255,11 +255,11 @@ pub(crate) fn fraction(k: u32, n: u32) -> (u32, u32) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// A sample that is contradicted at some fractions of a turn, and matches at all others.
-    fn sweep(max_order: u32, contradicted: &[(u32, u32)]) -> Sweep {
+    pub(crate) fn sweep(max_order: u32, contradicted: &[(u32, u32)]) -> Sweep {
         let fractions = up_to(max_order);
         let outcome = |fraction| {
             if contradicted.contains(fraction) { Outcome::Contradicted } else { Outcome::Matched }

@@ -279,6 +279,12 @@ mod tests {
     }
 
     #[test]
+    fn of_few_teeth_in_sight_the_number_is_unclear() {
+        let wavy = |angle: f64| 0.3 / 52.0 * (52.0 * angle).cos();
+        assert_eq!(found(wavy, 0.2), Some(Teeth::Unclear));
+    }
+
+    #[test]
     fn what_is_round_has_no_teeth() {
         assert_eq!(found(|_| 0.0, 1.0), None);
     }
