@@ -28,8 +28,8 @@ pub enum Details {
         /// The larger one of all but these details.
         rest: Order,
     },
-    /// None does: a keyway, a missing tooth, a recess in one end of a plate, or teeth finer than the orders that are looked
-    /// for.
+    /// None does: a keyway, a missing tooth, a recess in one end of a plate, or teeth that are finer than the orders that are
+    /// looked for, or whose number is not certain.
     OfNone,
 }
 

@@ -126,12 +126,11 @@ struct Likeness {
 impl Likeness {
     /// Lays the teeth that order `n` would have on one another.
     fn of_teeth(rings: &[Flanked], n: u32) -> Self {
-        /// Width of a place on a tooth [point spacings], and places of a tooth, at least.
-        const WIDTH: f64 = 1.0;
+        /// Places of a tooth, each as wide as points are apart, at least.
         const PLACES: usize = 4;
         let mut likeness = Self::default();
         for ring in rings {
-            let per_tooth = (ring.around / WIDTH / f64::from(n)).round() as usize;
+            let per_tooth = (ring.around / f64::from(n)).round() as usize;
             if per_tooth < PLACES {
                 likeness.all += ring.places.iter().map(|place| place.aside.powi(2)).sum::<f64>();
                 continue;

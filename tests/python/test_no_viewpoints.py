@@ -81,10 +81,16 @@ def test_several_views_are_not_taken_for_one(name: str) -> None:
 
 def test_a_surface_of_revolution_that_hides_much_is_weak_evidence() -> None:
     # One view hides so much of the spokes that turns by any angle hold as well as those of the order.
-    found = sympose.estimate(seen_without_viewpoints("wheel_hub_5", views=1).scene.points)
+    found = sympose.estimate(seen_without_viewpoints("wheel_hub_10", views=1).scene.points)
     assert found.order == "continuous"
     assert found.score < 0.5
     assert any("would be hidden" in warning for warning in found.warnings)
+
+
+def test_the_flanks_of_spokes_tell_their_number_where_gaps_do_not() -> None:
+    found = sympose.estimate(seen_without_viewpoints("wheel_hub_5", views=1).scene.points)
+    assert found.order == 5
+    assert found.score > 0.5
 
 
 @pytest.mark.parametrize("name", ["gear_12", "can"])
