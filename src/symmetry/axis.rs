@@ -4,6 +4,9 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Unit, UnitVector3, Vector3, Vector
 
 use crate::directions::tangents;
 
+/// What noise turns normals out of the planes through the axis [sine of the angle].
+pub(crate) const ASIDE: f64 = 0.3;
+
 /// A line in space: where the rotations of a symmetry take place.
 ///
 /// Rotation about the line and sliding along it change nothing, so a step has four parameters: two tilt the direction
@@ -86,6 +89,14 @@ impl Axis {
         (p - self.project(p)).norm()
     }
 
+    /// How far a unit `normal` at `p` stands out of the plane through the line: its component in the direction in which `p` moves
+    /// when it is turned, 0 on the line.
+    #[must_use]
+    pub fn around(&self, p: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+        let moves = self.direction.cross(&(p - self.point));
+        moves.try_normalize(0.0).map_or(0.0, |moves| moves.dot(normal))
+    }
+
     /// Angle between two undirected lines, in [0, pi/2] radians.
     #[must_use]
     pub fn angle_to(&self, other: &Self) -> f64 {
@@ -148,5 +159,15 @@ mod tests {
         let axis = oblique();
         let on_axis = axis.point + axis.direction.into_inner() * 7.0;
         assert!((axis.turn(1.2).apply(&on_axis) - on_axis).norm() < 1e-13);
+    }
+
+    #[test]
+    fn what_faces_around_the_line_stands_out_of_the_plane_through_it() {
+        let axis = Axis { direction: Vector3::z_axis(), point: Vector3::new(1.0, 0.0, 5.0) };
+        let at = Vector3::new(3.0, 0.0, -2.0);
+        assert_eq!(axis.around(&at, &Vector3::y()), 1.0);
+        assert_eq!(axis.around(&at, &-Vector3::y()), -1.0);
+        assert_eq!(axis.around(&at, &Vector3::new(0.6, 0.0, 0.8)), 0.0);
+        assert_eq!(axis.around(&Vector3::new(1.0, 0.0, 2.0), &Vector3::y()), 0.0);
     }
 }

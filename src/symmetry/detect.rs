@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
-use crate::symmetry::axis::Axis;
+use crate::symmetry::axis::{ASIDE, Axis};
 use crate::symmetry::details::Details;
 use crate::symmetry::order::Order;
 use crate::symmetry::peaks::{Standing, order_from_peaks};
@@ -414,13 +414,7 @@ pub(crate) fn rival(holding: &[(u32, f64)], best: (u32, f64), contrast: f64) -> 
 
 /// Share of the points whose normal does not meet the axis; those of a surface of revolution all do.
 fn twisted(axis: &Axis, survey: &Samples) -> f64 {
-    /// Sine of the angle by which noise turns a normal aside.
-    const ASIDE: f64 = 0.3;
-    let along = axis.direction.into_inner();
-    let aside = |(point, normal): (&Vector3<f64>, &Vector3<f64>)| {
-        let around = along.cross(&(point - axis.point)).try_normalize(0.0).unwrap_or_default();
-        normal.dot(&around).abs() > ASIDE
-    };
+    let aside = |(point, normal): (&Vector3<f64>, &Vector3<f64>)| axis.around(point, normal).abs() > ASIDE;
     let count = survey.points.iter().zip(&survey.normals).filter(|row| aside(*row)).count();
     count as f64 / survey.points.len().max(1) as f64
 }

@@ -11,12 +11,9 @@ use std::f64::consts::TAU;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::symmetry::axis::Axis;
+use crate::symmetry::axis::{ASIDE, Axis};
 use crate::symmetry::rings::{Ring, Rings};
 use crate::symmetry::surface::Surface;
-
-/// Sine of the angle by which noise turns a normal out of the plane through the axis.
-const ASIDE: f64 = 0.3;
 
 /// What the flanks about an axis say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,9 +91,8 @@ fn rings_of_flanks(surface: &Surface, axis: &Axis) -> Vec<Flanked> {
     let mut rings: BTreeMap<Ring, Vec<Place>> = BTreeMap::new();
     for (point, normal) in samples.points.iter().zip(&samples.normals) {
         let place = object_from_local * Point3::from(*point);
-        let normal = object_from_local * normal;
-        let radius = place.x.hypot(place.y).max(f64::MIN_POSITIVE);
-        let sine = (place.x * normal.y - place.y * normal.x) / radius;
+        let radius = place.x.hypot(place.y);
+        let sine = axis.around(point, normal);
         let aside = f64::max(sine.abs() - ASIDE, 0.0).copysign(sine);
         let turn = (place.y.atan2(place.x) / TAU).rem_euclid(1.0);
         rings.entry(about.of(point)).or_default().push(Place { turn, radius, aside });
@@ -263,7 +259,7 @@ mod tests {
     }
 
     fn found(depth: impl Fn(f64) -> f64, seen: f64) -> Option<Teeth> {
-        let axis = Axis::new(Vector3::z(), Vector3::new(0.0, 0.0, 0.3)).unwrap();
+        let axis = Axis { direction: Vector3::z_axis(), point: Vector3::new(0.0, 0.0, 0.3) };
         teeth(&drum(depth, seen), &axis, 60)
     }
 
