@@ -272,6 +272,7 @@ impl Estimator {
         params: &DetectParams,
     ) -> Result<(Order, Option<Details>)> {
         let Turning { surface, axis, .. } = turning;
+        // A declared order is none to be doubted for flanks: of few teeth in sight their number may be one off.
         let may_have_teeth =
             self.config().order == Order::Auto && rest == Order::Continuous && surface.oriented;
         let teeth = may_have_teeth.then(|| teeth(surface, axis, params.max_order)).flatten();
