@@ -40,8 +40,10 @@ test: lint test-rust test-python
 test-rust: prerequisites
 	cargo test --locked --features cli
 
+# A process for each core, up to four, as each test has threads of its own; what measures time comes after them, by itself.
 test-python: debug
-	$(BIN)/python -m pytest --doctest-modules python tests/python
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 -m 'not timed' --doctest-modules python tests/python
+	$(BIN)/python -m pytest -m timed tests/python
 
 lint: lint-rust lint-python
 

@@ -74,6 +74,7 @@ def test_estimate_segments_a_scene_with_views(tmp_path: Path, capfd: pytest.Capt
     assert found.inliers.max() > found.inliers.size
 
 
+@pytest.mark.timed
 def test_a_timeout_counts_segmentation_too(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("sklearn")
     path, report = str(tmp_path / "view.npz"), tmp_path / "pose.json"
@@ -253,6 +254,7 @@ def interrupted(process: subprocess.Popen[str], within: float) -> None:
     assert (process.returncode, output, errors) == (130, "", "sympose: cancelled\n")
 
 
+@pytest.mark.timed
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
 def test_ctrl_c_ends_a_long_estimate(tmp_path: Path) -> None:
     pipe = tmp_path / "scan.xyz"
@@ -264,6 +266,7 @@ def test_ctrl_c_ends_a_long_estimate(tmp_path: Path) -> None:
         interrupted(process, within=2.5)
 
 
+@pytest.mark.timed
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
 def test_ctrl_c_ends_a_read_that_hangs(tmp_path: Path) -> None:
     pipe = tmp_path / "scan.xyz"

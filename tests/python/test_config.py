@@ -98,7 +98,7 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
         {"voxel_size": float("nan")},
         {"voxel_size": float("inf")},
         {"voxel_size": "large"},
-        {"voxel_size": object()},
+        {"voxel_size": ...},
         {"order": 1},
         {"order": True},
         {"order": 5.5},

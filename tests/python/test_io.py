@@ -49,7 +49,7 @@ def test_what_is_written_reads_back_exactly(tmp_path, suffix, with_normals, with
     check(path, normals=normals, colors=colors)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     points=arrays(np.float64, st.tuples(st.integers(1, 8), st.just(3)), elements=st.floats(-1e300, 1e300)),
     suffix=st.sampled_from(SUFFIXES),
@@ -396,7 +396,7 @@ def test_ply_without_vertices_or_coordinates(tmp_path):
             read(tmp_path / f"{name}.ply")
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     suffix=st.sampled_from(["ply", "pcd", "npy", "npz", "xyz"]),
     place=st.floats(0.0, 0.999),

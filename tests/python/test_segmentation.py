@@ -92,7 +92,7 @@ def clear_part(rng):
 # ---- a part alone -------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     part=st.sampled_from(PARTS),
     seed=st.integers(0, 10_000),

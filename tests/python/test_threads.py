@@ -43,6 +43,7 @@ def test_calls_from_several_threads_do_not_disturb_each_other(part: Part) -> Non
         assert set(pool.map(lambda _: result(part), range(4))) == {alone}
 
 
+@pytest.mark.timed
 def test_other_threads_run_during_a_long_call() -> None:
     part = make_part(60_000)
     ticks, done = 0, threading.Event()
@@ -87,6 +88,7 @@ def test_an_exception_in_progress_cancels_and_is_raised(part: Part) -> None:
     assert len(stages) == 1
 
 
+@pytest.mark.timed
 def test_a_deadline_ends_the_call() -> None:
     part = make_part(60_000)
     started = time.perf_counter()
@@ -97,6 +99,7 @@ def test_a_deadline_ends_the_call() -> None:
     assert result(make_part(500), timeout=1e9)
 
 
+@pytest.mark.timed
 def test_a_deadline_ends_the_search_for_the_order() -> None:
     part = make_part(3000)
     many = sympose.Config(detect={"max_order": 360, "ring_samples": 6000, "samples": 3000})
@@ -129,6 +132,7 @@ def seen_by(part: Part, views: int) -> Scene:
     return Scene(part.points, viewpoints=part.viewpoint, views=[View(camera, pose) for pose in poses])
 
 
+@pytest.mark.timed
 def test_a_deadline_ends_the_segmentation() -> None:
     scene = seen_by(make_part(20_000), 40)
     started = time.perf_counter()
@@ -182,6 +186,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.timed
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a single process")
 def test_ctrl_c_interrupts_within_a_second() -> None:
     process = subprocess.Popen(
