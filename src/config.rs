@@ -75,7 +75,8 @@ pub enum Origin {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Yaw {
-    /// Phase of the n-th angular harmonic of the outline, where it has none of the flanks of blades and spokes, else of the area.
+    /// Phase of the n-th angular harmonic of the outline, where it has none of the flanks of blades and spokes, else of the area; on
+    /// the mirror plane near it where the part has one.
     #[default]
     Harmonic,
     /// Extreme of the angular histogram of the completed cloud: the paper's.

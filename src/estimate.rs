@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::candidates::Settled;
 use crate::cloud::PointCloud;
-use crate::config::{Config, GroundMode, Origin};
+use crate::config::{Config, GroundMode, Origin, Yaw};
 use crate::control::Control;
 use crate::error::{Error, Evidence, Result};
 use crate::frames::{check_pose, height_over, place, plane_in_world};
@@ -23,8 +23,9 @@ use crate::symmetry::complete::{Completion, complete};
 use crate::symmetry::covariance::{AlongAxis, pose_covariance};
 use crate::symmetry::detect::Detection;
 use crate::symmetry::fold::fold;
+use crate::symmetry::mirror::{MirrorPlane, MirrorSearch};
 use crate::symmetry::order::{Order, Turns};
-use crate::symmetry::orient::{decide_sign, find_heading, origin_height};
+use crate::symmetry::orient::{Heading, decide_sign, find_heading, origin_height};
 use crate::symmetry::refine::Refined;
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::Found;
@@ -229,10 +230,12 @@ impl Estimator {
         let base = prepared.ground.and_then(|plane| height_over(&axis, plane));
         let base = base.filter(|_| stands || self.config.origin == Origin::Base);
         // Neither keeps both threads of a small machine busy.
-        let ((origin, heading), (pace, common)) = rayon::join(
+        let ((origin, heading, plane), (pace, common)) = rayon::join(
             || {
                 let origin = origin_height(&folded, self.config.origin, base, prepared.outward);
-                (origin, find_heading(&folded, *order, self.config.yaw))
+                let heading = find_heading(&folded, *order, self.config.yaw);
+                let plane = self.mirror_plane(prepared, refined, &axis, *order, &heading);
+                (origin, heading, plane)
             },
             || {
                 let pace = self.pace(&prepared.surface, &axis, *order);
@@ -240,6 +243,12 @@ impl Estimator {
             },
         );
         let pace = pace?;
+        // Views that are turned turn the part about its axis as far as across it.
+        let turned = common.tilt_by_views();
+        let heading = match plane {
+            Some(plane) => heading.onto(MirrorPlane { sigma: plane.sigma.hypot(turned), ..plane }, *order),
+            None => heading,
+        };
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());
         stages.flag(ORIENTED, prepared.outward);
         stages.number("coverage", completion.coverage);
@@ -254,6 +263,21 @@ impl Estimator {
             pose_covariance(&sandwich, &pace, &common, radius, angle, origin.value, along);
         let posed = Posed { local_from_object, covariance, unobservable };
         Ok(Framed { axis, completion, histogram: heading.histogram, posed })
+    }
+
+    /// The mirror plane of the part that the heading leads to.
+    fn mirror_plane(
+        &self,
+        prepared: &Prepared,
+        refined: &Samples,
+        axis: &Axis,
+        order: Order,
+        heading: &Heading,
+    ) -> Option<MirrorPlane> {
+        let (Order::Cyclic(order), Yaw::Harmonic) = (order, self.config.yaw) else { return None };
+        let Prepared { surface, .. } = prepared;
+        let (gate, sight) = (self.final_gate(surface), prepared.sight(axis));
+        MirrorSearch { surface, refined, axis, order, gate, sight }.plane_near(heading.angle)
     }
 
     /// What the caller should know about the cloud, whatever was found in it.

@@ -110,12 +110,21 @@ impl Axis {
         let rotation = Rotation3::from_axis_angle(&self.direction, angle).into_inner();
         Turn { rotation, translation: self.point - rotation * self.point }
     }
+
+    /// Reflection in the plane through the line at `angle` from the first tangent \[rad\].
+    #[must_use]
+    pub(crate) fn mirror(&self, angle: f64) -> Turn {
+        let [u, v] = self.tangents();
+        let normal = v * angle.cos() - u * angle.sin();
+        let rotation = Matrix3::identity() - 2.0 * normal * normal.transpose();
+        Turn { rotation, translation: self.point - rotation * self.point }
+    }
 }
 
-/// A rotation about a line, as the rigid motion `q = rotation p + translation`.
+/// A rotation about a line, or a reflection in a plane through it, as the motion `q = rotation p + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turn {
-    /// Rotation matrix.
+    /// Rotation matrix, or that of a reflection.
     pub rotation: Matrix3<f64>,
     /// Translation \[length\].
     pub translation: Vector3<f64>,
@@ -159,6 +168,18 @@ mod tests {
         let axis = oblique();
         let on_axis = axis.point + axis.direction.into_inner() * 7.0;
         assert!((axis.turn(1.2).apply(&on_axis) - on_axis).norm() < 1e-13);
+    }
+
+    #[test]
+    fn a_mirror_keeps_its_plane_and_turns_the_other_side_over() {
+        let axis = oblique();
+        let [u, v] = axis.tangents();
+        let along = u * 0.6_f64.cos() + v * 0.6_f64.sin();
+        let across = axis.direction.cross(&along);
+        let at = |side: f64| axis.point + along * 2.0 + axis.direction.into_inner() * 3.0 + across * side;
+        let mirror = axis.mirror(0.6);
+        assert!((mirror.apply(&at(0.7)) - at(-0.7)).norm() < 1e-13);
+        assert!((mirror.rotation * along - along).norm() < 1e-13);
     }
 
     #[test]

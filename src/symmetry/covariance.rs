@@ -29,6 +29,13 @@ pub(crate) struct CommonErrors {
     pub of_views: Matrix4<f64>,
 }
 
+impl CommonErrors {
+    /// By how much errors of the views tilt the axis in any one direction \[rad\].
+    pub(crate) fn tilt_by_views(&self) -> f64 {
+        (0.5 * (self.of_views[(0, 0)] + self.of_views[(1, 1)])).sqrt()
+    }
+}
+
 /// Relative curvature below which an axis parameter counts as free.
 const RANK_TOLERANCE: f64 = 1e-9;
 

@@ -71,6 +71,7 @@ pub(crate) mod details;
 pub mod detect;
 mod field;
 pub(crate) mod fold;
+pub(crate) mod mirror;
 pub mod order;
 pub(crate) mod orient;
 pub(crate) mod pace;

@@ -10,6 +10,7 @@ use crate::config::{Origin, Yaw};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closure::{Unseen, tail, unseen};
 use crate::symmetry::fold::{Folded, FoldedPoint};
+use crate::symmetry::mirror::MirrorPlane;
 use crate::symmetry::order::Order;
 
 /// Which rule decided the sign of the axis.
@@ -127,6 +128,26 @@ pub(crate) struct Heading {
     pub sigma: f64,
     /// Histogram of the completed surface over one full turn, from the first tangent.
     pub histogram: Vec<f64>,
+}
+
+impl Heading {
+    /// The heading of a part of the given order on a mirror plane that was found near it: the same in each scan, whatever the scan
+    /// shows. It is unchanged where chance does not put it so far from the plane, or where the plane is hardly better known.
+    #[must_use]
+    pub(crate) fn onto(self, plane: MirrorPlane, order: Order) -> Self {
+        /// Largest error [standard deviations]: what is stated of headings is rough. Planes that lay beyond 3 were right.
+        const LARGEST: f64 = 6.0;
+        /// Largest standard deviation of the plane [that of the heading].
+        const BETTER: f64 = 0.5;
+        let Order::Cyclic(n) = order else { return self };
+        let apart = (plane.angle - self.angle).abs();
+        if apart > LARGEST * self.sigma || plane.sigma > BETTER * self.sigma {
+            return self;
+        }
+        // Planes are half a sector apart: whether this is the one depends on the heading, which may lie nearer to the next.
+        let is_certain = LARGEST * self.sigma < 0.25 * TAU / f64::from(n);
+        Self { angle: plane.angle, sigma: if is_certain { plane.sigma } else { self.sigma }, ..self }
+    }
 }
 
 /// Bins of the angular histogram over a full turn, about.
@@ -265,4 +286,33 @@ fn histogram_peak(histogram: &[f64], n: u32) -> (f64, f64) {
     // At least what a bin hides.
     let sigma = width * f64::sqrt(squares / count + 1.0 / 12.0);
     ((peak as f64 + 0.5 + shift) * width, sigma)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heading(sigma: f64) -> Heading {
+        Heading { angle: 0.5, sigma, histogram: Vec::new() }
+    }
+
+    fn on_plane(sigma: f64, plane: MirrorPlane) -> (f64, f64) {
+        let Heading { angle, sigma, .. } = heading(sigma).onto(plane, Order::Cyclic(5));
+        (angle, sigma)
+    }
+
+    #[test]
+    fn a_heading_takes_the_plane_beside_it() {
+        let plane = MirrorPlane { angle: 0.51, sigma: 1e-4 };
+        assert_eq!(on_plane(0.005, plane), (0.51, 1e-4));
+        // Which of the planes it is, 0.63 apart, is not certain.
+        assert_eq!(on_plane(0.2, plane), (0.51, 0.2));
+        assert_eq!(on_plane(f64::INFINITY, plane), (0.51, f64::INFINITY));
+    }
+
+    #[test]
+    fn a_heading_stays_where_chance_does_not_explain_the_plane_or_it_is_not_better_known() {
+        assert_eq!(on_plane(0.005, MirrorPlane { angle: 0.54, sigma: 1e-4 }), (0.5, 0.005));
+        assert_eq!(on_plane(0.005, MirrorPlane { angle: 0.51, sigma: 0.004 }), (0.5, 0.005));
+    }
 }

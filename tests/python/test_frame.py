@@ -160,6 +160,9 @@ def test_an_end_that_no_camera_saw_is_uncertain(name: str, origin: str) -> None:
         assert abs(height - wanted) < 2.5 * stated < 2.5 * most
 
 
+SHIFTED = {"view_shift": 0.002, "view_turn_deg": 0.15}
+
+
 def yaws_of(one: Part, scenario: str, views: int) -> tuple[NDArray[np.float64], float]:
     """Yaw in three scans, from that in the first of them [rad]; the median of what is stated."""
     assert isinstance(one.order, int)
@@ -172,6 +175,26 @@ def yaws_of(one: Part, scenario: str, views: int) -> tuple[NDArray[np.float64], 
         stated.append(np.sqrt(found.covariance[2, 2]))
     sector = 2.0 * np.pi / one.order
     return (np.array(yaws) - yaws[0] + 0.5 * sector) % sector - 0.5 * sector, float(np.median(stated))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "views", "errors"), [("upper", 1, {}), ("sphere", 5, {}), ("sphere", 3, SHIFTED)]
+)
+@pytest.mark.parametrize("name", ["wheel_hub_6", "sprocket_6", "flange_8"])
+def test_the_yaw_is_that_of_a_mirror_plane(
+    name: str, scenario: str, views: int, errors: dict[str, float]
+) -> None:
+    """The parts are made with +x in one; what is stated allows for views that are off their places."""
+    one = part(name)
+    assert isinstance(one.order, int)
+    for seed in (1, 2, 3, 4):
+        seen = scan(one, scenario, views=views, seed=seed, **errors)
+        found = sympose.estimate(seen.scene.points, order=one.order, viewpoints=seen.scene.viewpoints)
+        in_part = np.linalg.inv(seen.world_from_object) @ found.pose
+        # Planes are half a sector apart.
+        away = np.angle(np.exp(2j * one.order * np.arctan2(in_part[1, 0], in_part[0, 0]))) / (2 * one.order)
+        stated = np.sqrt(found.covariance[2, 2])
+        assert abs(away) < 3.5 * stated < 3.5 * np.radians(0.3 if errors else 0.02)
 
 
 def test_a_yaw_that_is_a_close_decision_is_uncertain() -> None:
