@@ -36,12 +36,10 @@ const MIRRORED: f64 = 0.9;
 const STEP: f64 = 2.0;
 const FEW: usize = 200;
 
-/// Share of the points that meet the surface which may do so in another plane: with a ring of teeth alone in sight, any tooth
-/// serves for any other (0.87 and more), where all of a part is seen 0.76 and less.
+/// Share of the points that meet the surface which may do so in another plane: in a ring of teeth any tooth serves for any other.
 const ALONE: f64 = 0.8;
 
-/// What errors that patches share add to the variance of the angle, beside [`INFLATION`]: 137 planes from one view and 163 from
-/// five, each found in several scans of a part, differ by 1.0 of what is stated.
+/// What errors that patches share add to the variance of the angle, beside [`INFLATION`].
 const SHARED: f64 = 1.5;
 
 /// A surface that turns about an axis, whose mirror planes are sought.
