@@ -246,7 +246,7 @@ impl Estimator {
         // Views that are turned turn the part about its axis as far as across it.
         let turned = common.tilt_by_views();
         let heading = match plane {
-            Some(plane) => heading.onto(MirrorPlane { sigma: plane.sigma.hypot(turned), ..plane }, *order),
+            Some(plane) => heading.onto(MirrorPlane { sigma: plane.sigma.hypot(turned), ..plane }),
             None => heading,
         };
         stages.text("sign_rule", &format!("{sign_rule:?}").to_lowercase());

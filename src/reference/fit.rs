@@ -10,12 +10,9 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::result::FreeDirection;
 use crate::symmetry::covariance::INFLATION;
-use crate::symmetry::robust::{Huber, robust_sigma};
+use crate::symmetry::robust::{HUBER_WIDTH, Huber, robust_sigma};
 use crate::symmetry::surface::{Gate, Samples};
 use crate::symmetry::view_errors::{ViewErrors, rigid_row};
-
-/// Width of Huber's loss [standard deviations of the residual].
-const HUBER_WIDTH: f64 = 1.345;
 
 /// Smallest cosine between the normals of a match.
 pub(super) const MIN_COSINE: f64 = 0.8;

@@ -5,13 +5,14 @@
 
 use std::f64::consts::PI;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::symmetry::axis::{ASIDE, Axis, Turn};
 use crate::symmetry::covariance::INFLATION;
-use crate::symmetry::robust::{Huber, robust_sigma};
+use crate::symmetry::robust::{HUBER_WIDTH, Huber, robust_sigma};
 use crate::symmetry::sandwich::PATCHES;
-use crate::symmetry::score::{MatchScore, outcome};
+use crate::symmetry::score::{MatchScore, score_of_moves};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
 
@@ -24,9 +25,6 @@ const PLANES: u32 = 6;
 
 /// Largest distances of a match, one round each [point spacings].
 const GATES: [f64; 6] = [12.0, 6.0, 3.0, 3.0, 3.0, 3.0];
-
-/// Where the loss becomes linear [standard deviation].
-const HUBER_WIDTH: f64 = 1.345;
 
 /// Share of the mirrored points that must meet the surface. Of 54 parts from five views, those with mirror planes have 0.92 and
 /// more, those without 0.66 and less.
@@ -65,6 +63,8 @@ pub(crate) struct MirrorPlane {
     pub angle: f64,
     /// Standard deviation of the angle \[rad\].
     pub sigma: f64,
+    /// Angle to the next plane \[rad\].
+    pub between: f64,
 }
 
 /// A mirrored point that met the surface.
@@ -95,7 +95,11 @@ impl MirrorSearch<'_> {
             angle -= gradient / information(&meetings);
         }
         let is_found = self.score(&flanks, angle).explained() >= MIRRORED && self.is_alone(&flanks, angle);
-        is_found.then(|| MirrorPlane { angle, sigma: self.variance(&meetings).sqrt() })
+        is_found.then(|| MirrorPlane {
+            angle,
+            sigma: self.variance(&meetings).sqrt(),
+            between: self.between(),
+        })
     }
 
     /// Points whose normals stand out of the planes through the axis; the others fit in any plane.
@@ -109,8 +113,13 @@ impl MirrorSearch<'_> {
     /// The reflections in all planes of the group that holds the one at `angle`, or in some of them, evenly spread.
     fn reflections(&self, angle: f64) -> Vec<Turn> {
         let count = self.order.min(PLANES);
-        let between = PI / f64::from(self.order);
-        (0..count).map(|k| self.axis.mirror(angle + between * f64::from(k * self.order / count))).collect()
+        let nth = |k| f64::from(k * self.order / count);
+        (0..count).map(|k| self.axis.mirror(angle + self.between() * nth(k))).collect()
+    }
+
+    /// Angle from one plane to the next: half a sector \[rad\].
+    fn between(&self) -> f64 {
+        PI / f64::from(self.order)
     }
 
     /// The mirrored points that meet the surface within `reach` \[length\].
@@ -142,20 +151,16 @@ impl MirrorSearch<'_> {
 
     /// What becomes of points that are mirrored.
     fn score(&self, flanks: &[usize], angle: f64) -> MatchScore {
-        let Samples { points, normals } = self.refined;
-        let reflections = self.reflections(angle);
-        let outcomes = flanks.par_iter().with_min_len(64).flat_map_iter(|&i| {
-            let seen = move |r| outcome(self.surface, &points[i], &normals[i], r, self.gate, self.sight);
-            reflections.iter().map(seen)
-        });
-        outcomes.collect::<Vec<_>>().into_iter().fold(MatchScore::default(), MatchScore::count)
+        let pick = |of: &[Vector3<f64>]| flanks.iter().map(|&i| of[i]).collect();
+        let flanks = Samples { points: pick(&self.refined.points), normals: pick(&self.refined.normals) };
+        score_of_moves(self.surface, &flanks, &self.reflections(angle), self.gate, self.sight)
     }
 
     /// Whether far fewer points meet the surface when they are mirrored in any plane between this one and the next.
     fn is_alone(&self, flanks: &[usize], angle: f64) -> bool {
         let few = thinned(flanks, FEW);
         let rim = flanks.iter().map(|&i| self.axis.distance(&self.refined.points[i])).fold(0.0, f64::max);
-        let between = PI / f64::from(self.order);
+        let between = self.between();
         let steps = (between * rim / (STEP * self.surface.spacing)) as usize;
         let meet = |angle| self.meetings(&few, angle, self.gate.distance).len() as f64;
         let most = ALONE * meet(angle);
@@ -194,8 +199,6 @@ fn thinned(rows: &[usize], count: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use std::f64::consts::TAU;
-
-    use nalgebra::Vector3;
 
     use super::*;
 

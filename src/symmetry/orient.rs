@@ -131,21 +131,19 @@ pub(crate) struct Heading {
 }
 
 impl Heading {
-    /// The heading of a part of the given order on a mirror plane that was found near it: the same in each scan, whatever the scan
-    /// shows. It is unchanged where chance does not put it so far from the plane, or where the plane is hardly better known.
+    /// The heading on a mirror plane that was found near it: the same in each scan, whatever the scan shows. It is unchanged where chance does not put it so far from the plane, or where the plane is hardly better known.
     #[must_use]
-    pub(crate) fn onto(self, plane: MirrorPlane, order: Order) -> Self {
+    pub(crate) fn onto(self, plane: MirrorPlane) -> Self {
         /// Largest error [standard deviations]: what is stated of headings is rough. Planes that lay beyond 3 were right.
         const LARGEST: f64 = 6.0;
         /// Largest standard deviation of the plane [that of the heading].
         const BETTER: f64 = 0.5;
-        let Order::Cyclic(n) = order else { return self };
         let apart = (plane.angle - self.angle).abs();
         if apart > LARGEST * self.sigma || plane.sigma > BETTER * self.sigma {
             return self;
         }
-        // Planes are half a sector apart: whether this is the one depends on the heading, which may lie nearer to the next.
-        let is_certain = LARGEST * self.sigma < 0.25 * TAU / f64::from(n);
+        // Which of the planes it is depends on the heading, which must not lie nearer to the next.
+        let is_certain = LARGEST * self.sigma < 0.5 * plane.between;
         Self { angle: plane.angle, sigma: if is_certain { plane.sigma } else { self.sigma }, ..self }
     }
 }
@@ -296,23 +294,24 @@ mod tests {
         Heading { angle: 0.5, sigma, histogram: Vec::new() }
     }
 
-    fn on_plane(sigma: f64, plane: MirrorPlane) -> (f64, f64) {
-        let Heading { angle, sigma, .. } = heading(sigma).onto(plane, Order::Cyclic(5));
+    fn on_plane(sigma: f64, plane: [f64; 2]) -> (f64, f64) {
+        let plane = MirrorPlane { angle: plane[0], sigma: plane[1], between: 0.63 };
+        let Heading { angle, sigma, .. } = heading(sigma).onto(plane);
         (angle, sigma)
     }
 
     #[test]
     fn a_heading_takes_the_plane_beside_it() {
-        let plane = MirrorPlane { angle: 0.51, sigma: 1e-4 };
+        let plane = [0.51, 1e-4];
         assert_eq!(on_plane(0.005, plane), (0.51, 1e-4));
-        // Which of the planes it is, 0.63 apart, is not certain.
+        // Which of the planes it is, is not certain.
         assert_eq!(on_plane(0.2, plane), (0.51, 0.2));
         assert_eq!(on_plane(f64::INFINITY, plane), (0.51, f64::INFINITY));
     }
 
     #[test]
     fn a_heading_stays_where_chance_does_not_explain_the_plane_or_it_is_not_better_known() {
-        assert_eq!(on_plane(0.005, MirrorPlane { angle: 0.54, sigma: 1e-4 }), (0.5, 0.005));
-        assert_eq!(on_plane(0.005, MirrorPlane { angle: 0.51, sigma: 0.004 }), (0.5, 0.005));
+        assert_eq!(on_plane(0.005, [0.54, 1e-4]), (0.5, 0.005));
+        assert_eq!(on_plane(0.005, [0.51, 0.004]), (0.5, 0.005));
     }
 }

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::symmetry::alignment::{Correspondences, SelfAlignment, Unknowns, residuals};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::order::Turns;
-use crate::symmetry::robust::{Huber, robust_sigma};
+use crate::symmetry::robust::{HUBER_WIDTH, Huber, robust_sigma};
 use crate::symmetry::sandwich::Sandwich;
 use crate::symmetry::score::match_score;
 use crate::symmetry::settle::Rest;
@@ -54,7 +54,7 @@ impl Default for RefineParams {
             max_joint_turns: 12,
             gate: 2.0,
             max_normal_angle: 0.6,
-            huber_width: 1.345,
+            huber_width: HUBER_WIDTH,
             max_rounds: 30,
             max_full_rounds: 12,
             max_joint_steps: 2,

@@ -4,6 +4,10 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use crate::median::robust_sigma;
 
+/// Where the loss becomes linear [standard deviation]: with normal errors alone it is 95 % as efficient as
+/// least squares.
+pub(crate) const HUBER_WIDTH: f64 = 1.345;
+
 /// Huber's loss: quadratic up to `width`, linear beyond (the paper's gamma norm).
 ///
 /// Conventions: `cost` is rho(r) with rho(r) = r^2 / 2 near zero; `weight` is rho'(r) / r, in (0, 1].

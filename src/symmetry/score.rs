@@ -151,6 +151,18 @@ pub(crate) fn match_score(
     sight: Sight<'_>,
 ) -> MatchScore {
     let moves: Vec<Turn> = turns.angles().map(|angle| axis.turn(angle)).collect();
+    score_of_moves(surface, samples, &moves, gate, sight)
+}
+
+/// Moves `samples` in each of these ways and counts what they meet.
+#[must_use]
+pub(crate) fn score_of_moves(
+    surface: &Surface,
+    samples: &Samples,
+    moves: &[Turn],
+    gate: Gate,
+    sight: Sight<'_>,
+) -> MatchScore {
     let outcomes: Vec<Outcome> = (0..samples.points.len() * moves.len())
         .into_par_iter()
         .with_min_len(256)
