@@ -50,7 +50,7 @@ pub(crate) fn ambiguity_of_axes(
     let score = |found: &Found| found.proposal.score.value();
     let is_apart = |found: &Found| found.proposal.axis.angle_to(axis) > APART;
     // The refinement may lead from a rough start to where a better one of the candidates is, too.
-    let here = candidates.iter().filter(|found| !is_apart(found) && size(found) == size(chosen));
+    let here = candidates.iter().filter(|found| !is_apart(found) && size(found) >= size(chosen));
     let best_here = here.map(score).fold(score(chosen), f64::max);
     let other = candidates.iter().find(|other| {
         let least = if size(other) > size(chosen) { likeness.of_larger } else { likeness.of_equals };
@@ -102,13 +102,35 @@ mod tests {
         })
     }
 
+    /// Candidates, each given by order, angle and matches of 100.
+    fn candidates(given: &[(u32, f64, usize)]) -> Result<Vec<Found>, &'static str> {
+        let found: Option<Vec<Found>> =
+            given.iter().map(|&(n, angle, matched)| candidate(n, angle, matched)).collect();
+        found.ok_or("no candidates")
+    }
+
+    #[test]
+    fn a_better_start_at_the_same_axis_speaks_for_it() -> Result<(), &'static str> {
+        let axis = Axis::new(Vector3::z(), Vector3::zeros()).ok_or("no axis")?;
+        let likeness = Likeness::sought(Order::Auto, false, true, 0.0);
+        let is_ambiguous = |given: &[(u32, f64, usize)]| -> Result<bool, &'static str> {
+            let candidates = candidates(given)?;
+            Ok(ambiguity_of_axes(&axis, &candidates[0], &candidates, &likeness).is_some())
+        };
+        assert!(is_ambiguous(&[(2, 0.03, 88), (3, 0.5, 70)])?);
+        // Of the same order, or of a larger group.
+        assert!(!is_ambiguous(&[(2, 0.03, 88), (3, 0.5, 70), (2, 0.0, 98)])?);
+        assert!(!is_ambiguous(&[(2, 0.03, 88), (3, 0.5, 70), (20, 0.0, 98)])?);
+        // A smaller group may match better where its axis is wrong.
+        assert!(is_ambiguous(&[(3, 0.03, 88), (4, 0.5, 70), (2, 0.0, 98)])?);
+        Ok(())
+    }
+
     #[test]
     fn another_order_about_the_same_axis_makes_an_order_ambiguous() -> Result<(), &'static str> {
         let axis = Axis::new(Vector3::z(), Vector3::zeros()).ok_or("no axis")?;
-        let found = |candidates: &[(u32, f64, usize)]| -> Result<Option<u32>, &'static str> {
-            let candidates: Option<Vec<Found>> =
-                candidates.iter().map(|&(n, angle, matched)| candidate(n, angle, matched)).collect();
-            Ok(other_order(&axis, Order::Cyclic(18), &candidates.ok_or("no candidates")?))
+        let found = |given: &[(u32, f64, usize)]| -> Result<Option<u32>, &'static str> {
+            Ok(other_order(&axis, Order::Cyclic(18), &candidates(given)?))
         };
         assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 96), (13, 0.0, 96)])?, Some(17));
         // One follows from the other.

@@ -97,6 +97,24 @@ def test_an_order_that_a_shaft_has_by_chance_about_its_keyway_is_not_trusted(see
     assert any("hardly anything in sight" in warning for warning in found.warnings)
 
 
+def slotted(slots: int) -> Part:
+    """A stepped disc with narrow slots in its rim: nothing but them tells one angle from another."""
+    solid = cylinder(0.06, 0.5, 0.0) + cylinder(0.14, 0.34, 0.0)
+    slot = manifold3d.Manifold.cube([0.16, 0.04, 1.0], True).translate([0.5, 0.0, 0.0])
+    for k in range(slots):
+        solid -= slot.rotate([0.0, 0.0, 360.0 * k / slots])
+    return solid_part(solid, slots)
+
+
+@pytest.mark.parametrize(("slots", "seed"), [(14, 3), (14, 5), (16, 4), (18, 2), (18, 5)])
+def test_narrow_slots_that_two_views_show_leave_no_doubt(slots: int, seed: int) -> None:
+    # Half-way the rim mostly meets the rim, and about small orders hardly anything comes into a slot.
+    found = sympose.estimate(scan(slotted(slots), "upper", views=2, seed=seed).scene)
+    assert found.order == slots
+    assert found.score > 0.9
+    assert not any("ambiguous" in warning for warning in found.warnings)
+
+
 @pytest.mark.parametrize("name", ["knob_3", "impeller_7", "wheel_hub_6", "sprocket_6", "gear_12"])
 @pytest.mark.parametrize("views", [2, 5])
 def test_noise_and_edges_are_not_taken_for_details(name: str, views: int) -> None:
