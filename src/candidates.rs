@@ -255,8 +255,9 @@ impl Estimator {
             let (order, details) = self.with_details(&turning, rest, shows_details, params)?;
             detection.details = details;
             if order != rest {
+                let faint = matches!(details, Some(Details::OfOrder { faint: true, .. }));
                 // What was faint is the order of the rest.
-                (detection.order, detection.faint) = (Some(order), false);
+                (detection.order, detection.faint) = (Some(order), faint);
                 detection.looked_for = params.max_order;
             }
         }
@@ -278,10 +279,11 @@ impl Estimator {
         let teeth = may_have_teeth.then(|| teeth(surface, axis, params.max_order)).flatten();
         let toothed = if let Some(Teeth::Number(n)) = teeth { Order::Cyclic(n) } else { rest };
         let details = if rings_show_them { contradicting_details(turning, toothed, params)? } else { None };
-        let of_order = |order: u32| (Order::Cyclic(order), Some(Details::OfOrder { order, rest }));
+        let of_order =
+            |order: u32, faint: bool| (Order::Cyclic(order), Some(Details::OfOrder { order, rest, faint }));
         Ok(match (details, teeth) {
-            (Some(Details::OfOrder { order, .. }), _) => of_order(order),
-            (None, Some(Teeth::Number(n))) => of_order(n),
+            (Some(Details::OfOrder { order, faint, .. }), _) => of_order(order, faint),
+            (None, Some(Teeth::Number(n))) => of_order(n, false),
             (None, Some(Teeth::Unclear)) => (rest, Some(Details::OfNone)),
             (details, _) => (toothed, details),
         })

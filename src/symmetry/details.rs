@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::symmetry::axis::Turn;
-use crate::symmetry::detect::{DetectParams, largest_group};
+use crate::symmetry::detect::{BY_CHANCE, DetectParams, largest_group};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::rings::{Ring, Rings};
 use crate::symmetry::score::Outcome;
@@ -27,6 +27,8 @@ pub enum Details {
         order: u32,
         /// The larger one of all but these details.
         rest: Order,
+        /// Whether so little is known of them that, of all orders, it may hold by chance.
+        faint: bool,
     },
     /// None does: a keyway, a missing tooth, a recess in one end of a plate, or teeth that are finer than the orders that are
     /// looked for, or whose number is not certain.
@@ -75,7 +77,11 @@ pub(crate) fn contradicting_details(
         return Ok(None);
     }
     Ok(match part_that_holds(&sweep, &everything, &parts, against.share_against()) {
-        Some(part) => Some(Details::OfOrder { order: part, rest: order }),
+        Some((part, expected)) => {
+            // Of a discrete group there are few parts.
+            let faint = order == Order::Continuous && expected < BY_CHANCE;
+            Some(Details::OfOrder { order: part, rest: order, faint })
+        }
         None => is_misfit(&turning, order, &rings, &with_details, &against).then_some(Details::OfNone),
     })
 }
@@ -109,23 +115,25 @@ fn rings_with_details(turning: &Turning<'_>, order: Order) -> (Rings, HashSet<Ri
 }
 
 /// The largest of the `parts` of the group that holds for the details, too: little speaks against it, and [`EXPECTED`] would if
-/// the same `share` did as against the whole group.
-fn part_that_holds(sweep: &Sweep, samples: &[usize], parts: &[u32], share: f64) -> Option<u32> {
+/// the same `share` did as against the whole group. Comes with what would.
+fn part_that_holds(sweep: &Sweep, samples: &[usize], parts: &[u32], share: f64) -> Option<(u32, f64)> {
     /// Share of the evidence against the group that may speak against a part of it, on average and at the worst angle.
     const LEFT: [f64; 2] = [0.25, 0.5];
     /// How much more evidence a half turn needs, which has only one angle to be contradicted at.
     const HALF_TURN: f64 = 1.5;
-    let expected = |part: u32| if part == 2 { HALF_TURN * EXPECTED } else { EXPECTED };
+    let least = |part: u32| if part == 2 { HALF_TURN * EXPECTED } else { EXPECTED };
+    let evidence = |part: u32| sweep.order(part, samples);
+    let expected = |part: u32| share * evidence(part).sum.total();
     let holding: Vec<(u32, f64)> = (parts.iter())
-        .map(|&part| (part, sweep.order(part, samples)))
+        .map(|&part| (part, evidence(part)))
         .filter(|(part, evidence)| {
             evidence.sum.share_against() < LEFT[0] * share
                 && evidence.worst < LEFT[1] * share
-                && share * evidence.sum.total() > expected(*part)
+                && share * evidence.sum.total() > least(*part)
         })
         .map(|(part, evidence)| (part, evidence.sum.share_against()))
         .collect();
-    largest_group(&holding).map(|(part, _)| part)
+    largest_group(&holding).map(|(part, _)| (part, expected(part)))
 }
 
 /// Whether details have no part in the group `order`: what speaks `against` it is much of what is known of their rings, or comes
@@ -266,7 +274,8 @@ mod tests {
         };
         // A share of 0.1 of `samples` contradictions would be expected.
         let holding = |fraction, samples: usize| {
-            part_that_holds(&sweep(6, &all_but(fraction)), &vec![0; samples], &[2, 3], 0.1)
+            let part = part_that_holds(&sweep(6, &all_but(fraction)), &vec![0; samples], &[2, 3], 0.1);
+            part.map(|(order, _)| order)
         };
         assert_eq!(holding((1, 3), 115), None);
         assert_eq!(holding((1, 3), 140), Some(3));
