@@ -116,7 +116,7 @@ def test_narrow_slots_that_two_views_show_leave_no_doubt(slots: int, seed: int) 
 
 
 def test_an_order_that_pockets_have_by_chance_is_not_trusted() -> None:
-    # So little of three pockets shows over the wall of a deep cup that a quarter turn is not contradicted, either.
+    # Over the wall of a deep cup so little of the pockets shows that nothing contradicts a quarter turn.
     cup = cylinder(0.5, 0.4, 0.0) - cylinder(0.5, 0.35, 0.08)
     for k in range(3):
         cup -= cylinder(0.2, 0.07, 0.04).translate([0.22, 0.0, 0.0]).rotate([0.0, 0.0, 120.0 * k])
