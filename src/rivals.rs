@@ -115,7 +115,8 @@ mod tests {
         let likeness = Likeness::sought(Order::Auto, false, true, 0.0);
         let is_ambiguous = |given: &[(u32, f64, usize)]| -> Result<bool, &'static str> {
             let candidates = candidates(given)?;
-            Ok(ambiguity_of_axes(&axis, &candidates[0], &candidates, &likeness).is_some())
+            let chosen = candidates.first().ok_or("no candidates")?;
+            Ok(ambiguity_of_axes(&axis, chosen, &candidates, &likeness).is_some())
         };
         assert!(is_ambiguous(&[(2, 0.03, 88), (3, 0.5, 70)])?);
         // Of the same order, or of a larger group.

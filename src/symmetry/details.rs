@@ -77,7 +77,8 @@ pub(crate) fn contradicting_details(
         return Ok(None);
     }
     Ok(match part_that_holds(&sweep, &everything, &parts, against.share_against()) {
-        Some((part, expected)) => {
+        Some(part) => {
+            let expected = against.share_against() * sweep.order(part, &everything).sum.total();
             // Of a discrete group there are few parts.
             let faint = order == Order::Continuous && expected < BY_CHANCE;
             Some(Details::OfOrder { order: part, rest: order, faint })
@@ -115,25 +116,23 @@ fn rings_with_details(turning: &Turning<'_>, order: Order) -> (Rings, HashSet<Ri
 }
 
 /// The largest of the `parts` of the group that holds for the details, too: little speaks against it, and [`EXPECTED`] would if
-/// the same `share` did as against the whole group. Comes with what would.
-fn part_that_holds(sweep: &Sweep, samples: &[usize], parts: &[u32], share: f64) -> Option<(u32, f64)> {
+/// the same `share` did as against the whole group.
+fn part_that_holds(sweep: &Sweep, samples: &[usize], parts: &[u32], share: f64) -> Option<u32> {
     /// Share of the evidence against the group that may speak against a part of it, on average and at the worst angle.
     const LEFT: [f64; 2] = [0.25, 0.5];
     /// How much more evidence a half turn needs, which has only one angle to be contradicted at.
     const HALF_TURN: f64 = 1.5;
-    let least = |part: u32| if part == 2 { HALF_TURN * EXPECTED } else { EXPECTED };
-    let evidence = |part: u32| sweep.order(part, samples);
-    let expected = |part: u32| share * evidence(part).sum.total();
+    let expected = |part: u32| if part == 2 { HALF_TURN * EXPECTED } else { EXPECTED };
     let holding: Vec<(u32, f64)> = (parts.iter())
-        .map(|&part| (part, evidence(part)))
+        .map(|&part| (part, sweep.order(part, samples)))
         .filter(|(part, evidence)| {
             evidence.sum.share_against() < LEFT[0] * share
                 && evidence.worst < LEFT[1] * share
-                && share * evidence.sum.total() > least(*part)
+                && share * evidence.sum.total() > expected(*part)
         })
         .map(|(part, evidence)| (part, evidence.sum.share_against()))
         .collect();
-    largest_group(&holding).map(|(part, _)| (part, expected(part)))
+    largest_group(&holding).map(|(part, _)| part)
 }
 
 /// Whether details have no part in the group `order`: what speaks `against` it is much of what is known of their rings, or comes
@@ -274,8 +273,7 @@ mod tests {
         };
         // A share of 0.1 of `samples` contradictions would be expected.
         let holding = |fraction, samples: usize| {
-            let part = part_that_holds(&sweep(6, &all_but(fraction)), &vec![0; samples], &[2, 3], 0.1);
-            part.map(|(order, _)| order)
+            part_that_holds(&sweep(6, &all_but(fraction)), &vec![0; samples], &[2, 3], 0.1)
         };
         assert_eq!(holding((1, 3), 115), None);
         assert_eq!(holding((1, 3), 140), Some(3));
