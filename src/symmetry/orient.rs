@@ -131,7 +131,8 @@ pub(crate) struct Heading {
 }
 
 impl Heading {
-    /// The heading on a mirror plane that was found near it: the same in each scan, whatever the scan shows. It is unchanged where chance does not put it so far from the plane, or where the plane is hardly better known.
+    /// The heading on a mirror plane that was found near it: the same in each scan, whatever the scan shows. It is unchanged
+    /// where chance does not put it so far from the plane, or where the plane is hardly better known.
     #[must_use]
     pub(crate) fn onto(self, plane: MirrorPlane) -> Self {
         /// Largest error [standard deviations]: what is stated of headings is rough. Planes that lay beyond 3 were right.
