@@ -55,6 +55,23 @@ fn further_columns_are_told_by_name_or_by_value() {
 }
 
 #[test]
+fn a_first_line_may_count_the_points() {
+    let points = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+    let colors = Some(vec![[255, 0, 3], [0, 0, 0]]);
+    for (text, with_colors) in [
+        ("2\n1 2 3\n4 5 6\n", false),
+        ("# a scan\n2\n1 2 3 -731\n4 5 6 12.5\n", false),
+        ("2\r\n1 2 3 -731 255 0 3\r\n4 5 6 12 0 0 0\r\n", true),
+        ("2\n1 2 3 255 0 3\n4 5 6 0 0 0\n", true),
+        ("2\nx,y,z,i,r,g,b\n1,2,3,7,255,0,3\n4,5,6,8,0,0,0\n", true),
+    ] {
+        let scan = io::parse(text.as_bytes(), "part.pts").unwrap();
+        assert_eq!(scan.points, points, "{text:?}");
+        assert_eq!(scan.colors, colors.clone().filter(|_| with_colors), "{text:?}");
+    }
+}
+
+#[test]
 fn damage_is_named() {
     for (text, expected) in [
         ("1 2 3\n4 5\n", "line 2: 2 columns, but 3 in the first row"),
@@ -66,6 +83,12 @@ fn damage_is_named() {
         ("1 2\n3 4\n", "3, 6 or 9 columns), found 2"),
         ("1 2 3 900 0 -1\n4 5 6 0 0 0\n", "cannot tell what columns 4 to 6 are"),
         ("x y z\n1 2 3 4\n", "the header names 3 columns (x, y, z), the rows have 4"),
+        ("1 2 3 4\n5 6 7 8\n", "found 4; name them in a header line, such as x y z intensity"),
+        ("3\n1 2 3\n4 5 6\n", "the first line counts 3 points, the file holds 2"),
+        ("2\n1 2 3\n2\n4 5 6\n", "line 3: 1 columns, but 3 in the first row"),
+        ("1\n2\n3\n", "3, 6 or 9 columns), found 1"),
+        ("7\n", "expected rows of numbers x y z"),
+        ("2\nhello\n1 2 3\nC 4 5 6\n", "line 4: expected a row of numbers"),
         ("a b c\n1 2 3\n", "expected columns x y z, found a, b, c"),
         ("hello\nworld\n", "line 2: expected a row of numbers"),
         ("# nothing here\n", "expected rows of numbers x y z"),

@@ -24,8 +24,8 @@ Exit codes: 0 done, 1 no trustworthy pose, 2 bad usage or input, 130 cancelled."
 
 /// Pose of a rotationally symmetric part from a raw point cloud, without a CAD model.
 ///
-/// Scans are PLY, PCD or text files (XYZ, TXT, CSV); the Python package also reads NPY, NPZ and COLMAP folders. Lengths are in
-/// the unit of the file.
+/// Scans are PLY, PCD or text files (XYZ, TXT, CSV, PTS); the Python package also reads NPY, NPZ and COLMAP folders.
+/// Lengths are in the unit of the file.
 #[derive(Debug, Parser)]
 #[command(name = "sympose", version, after_help = EXAMPLES, allow_negative_numbers = true)]
 pub(super) struct Cli {
@@ -46,7 +46,7 @@ pub(super) enum Command {
 /// Prints a summary, or with --json the schema that the Python package shares.
 #[derive(Debug, Args)]
 pub(super) struct EstimateArgs {
-    /// PLY, PCD, XYZ, TXT or CSV file.
+    /// PLY, PCD, XYZ, TXT, CSV or PTS file.
     pub(super) scan: PathBuf,
     /// Order of the symmetry: a whole number from 2, "continuous" or "auto".
     #[arg(long, value_name = "N|continuous|auto")]
@@ -116,7 +116,7 @@ pub(super) struct EstimateArgs {
 /// Only the filters run of which an option is given. Points that are not finite are dropped.
 #[derive(Debug, Args)]
 pub(super) struct FilterArgs {
-    /// PLY, PCD, XYZ, TXT or CSV file.
+    /// PLY, PCD, XYZ, TXT, CSV or PTS file.
     pub(super) scan: PathBuf,
     /// File to write; the suffix says in which format.
     pub(super) out: PathBuf,
@@ -150,7 +150,7 @@ pub(super) struct Filters {
 /// Find the plane that holds the most points.
 #[derive(Debug, Args)]
 pub(super) struct PlaneArgs {
-    /// PLY, PCD, XYZ, TXT or CSV file.
+    /// PLY, PCD, XYZ, TXT, CSV or PTS file.
     pub(super) scan: PathBuf,
     /// Largest distance of a point from its plane [default: twice the median point spacing].
     #[arg(long, value_name = "D", allow_hyphen_values = true)]
@@ -169,7 +169,7 @@ pub(super) struct PlaneArgs {
 /// Say what a file holds.
 #[derive(Debug, Args)]
 pub(super) struct InfoArgs {
-    /// PLY, PCD, XYZ, TXT or CSV file.
+    /// PLY, PCD, XYZ, TXT, CSV or PTS file.
     pub(super) scan: PathBuf,
     /// Print JSON.
     #[arg(long)]

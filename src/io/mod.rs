@@ -1,4 +1,4 @@
-//! Reading and writing scans: PLY, PCD and plain text (XYZ, TXT, CSV).
+//! Reading and writing scans: PLY, PCD and plain text (XYZ, TXT, CSV, PTS).
 //!
 //! The format is recognised by content first, then by suffix. Of a mesh the vertices are read. Points that are not
 //! finite, as in organised clouds, are kept; [`PointCloud::from_points`] leaves them out later.
@@ -106,7 +106,9 @@ impl Format {
 /// decimal comma). Lines that start with `#` or `//` are comments. A header line, also as a comment, names the columns:
 /// x y z, nx ny nz or normal_x normal_y normal_z, r g b or red green blue, in any order; others are ignored, and may hold
 /// text or nothing. Without a header there are 3, 6 or 9 columns: x y z, then normals or colours or both, told by their
-/// values. Cells may be quoted; what is empty after the last delimiter of a line is no column.
+/// values. Cells may be quoted; what is empty after the last delimiter of a line is no column. A first line that is one
+/// whole number counts the points, as in PTS; then there may be 4 or 7 columns without a header, of which the fourth is the
+/// intensity.
 ///
 /// ```
 /// # let folder = tempfile::tempdir().unwrap();
@@ -196,10 +198,10 @@ fn recognise(start: &[u8], path: &Path) -> Result<Reader, String> {
         Err(format!("not a {} file; it starts with {begins:?}", suffix.to_uppercase()))
     } else if start.starts_with(b"\x93NUMPY") || start.starts_with(b"PK\x03\x04") {
         Err("a NumPy array or an archive, which only the Python package reads; convert it to PLY".into())
-    } else if !["", "xyz", "xyzn", "xyzrgb", "txt", "csv", "asc", "tsv"].contains(&suffix.as_str())
+    } else if !["", "xyz", "xyzn", "xyzrgb", "txt", "csv", "pts", "asc", "tsv"].contains(&suffix.as_str())
         || start.contains(&0)
     {
-        let known = "PLY, PCD, XYZ, TXT or CSV";
+        let known = "PLY, PCD, XYZ, TXT, CSV or PTS";
         Err(format!("not a point cloud of a known format ({known}); it starts with {begins:?}"))
     } else {
         Ok(xyz::read)

@@ -1,4 +1,4 @@
-//! Text: XYZ, TXT, CSV; the rules stand at [`read`](super::read).
+//! Text: XYZ, TXT, CSV, PTS; the rules stand at [`read`](super::read).
 
 use std::fmt::Write;
 
@@ -11,6 +11,7 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
     let text = std::str::from_utf8(content).map_err(|error| format!("not a text file: {error}"))?;
     let mut header: Option<Header> = None;
     let mut rows: Option<Rows> = None;
+    let mut count: Option<usize> = None;
     for (number, line) in (1..).zip(lines(text)) {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') || line.starts_with("//") {
@@ -20,6 +21,12 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
                 header = Some(title);
             }
             continue;
+        }
+        if rows.is_none() && header.is_none() && count.is_none() {
+            count = line.parse().ok();
+            if count.is_some() {
+                continue;
+            }
         }
         if rows.is_none() && !is_row(line, header.as_ref()) {
             if header.is_some() {
@@ -39,7 +46,13 @@ pub(super) fn read(content: &[u8]) -> Result<Scan, String> {
         let shown: String = text.trim().chars().take(40).collect();
         return Err(format!("expected rows of numbers x y z, found {shown:?}"));
     };
-    rows.scan()
+    let scan = rows.scan(count.is_some())?;
+    match count {
+        Some(count) if count != scan.points.len() => {
+            Err(format!("the first line counts {count} points, the file holds {}", scan.points.len()))
+        }
+        _ => Ok(scan),
+    }
 }
 
 /// Lines, whether they end with LF, CR and LF, or CR alone.
@@ -146,11 +159,11 @@ impl<'a> Rows<'a> {
         Ok(())
     }
 
-    fn scan(self) -> Result<Scan, String> {
+    fn scan(self, is_counted: bool) -> Result<Scan, String> {
         let columns = |trio: [usize; 3]| -> Vec<[f64; 3]> {
             self.numbers.chunks_exact(self.used.len()).map(|row| trio.map(|column| row[column])).collect()
         };
-        let Some(names) = &self.names else { return unnamed(self.width, columns) };
+        let Some(names) = &self.names else { return unnamed(self.width, is_counted, columns) };
         let used: Vec<&str> = self.used.iter().map(|&column| names[column]).collect();
         assemble(&used, |_| Kind::Real, columns)
     }
@@ -198,16 +211,23 @@ fn outside_quotes(delimiter: char) -> impl FnMut(char) -> bool {
 }
 
 /// Columns without names: x y z, then normals and colours in either order, told by their values. Normals are rows of
-/// length 1; colours are whole numbers from 0 to 255 or any numbers from 0 to 1.
-fn unnamed(width: usize, columns: impl Fn([usize; 3]) -> Vec<[f64; 3]>) -> Result<Scan, String> {
-    if ![3, 6, 9].contains(&width) {
+/// length 1; colours are whole numbers from 0 to 255 or any numbers from 0 to 1. Where the points are counted, as in PTS, the
+/// intensity may stand between.
+fn unnamed(
+    width: usize,
+    is_counted: bool,
+    columns: impl Fn([usize; 3]) -> Vec<[f64; 3]>,
+) -> Result<Scan, String> {
+    let has_intensity = is_counted && [4, 7].contains(&width);
+    if !has_intensity && ![3, 6, 9].contains(&width) {
         return Err(format!(
-            "expected columns x y z, alone or with normals or colours (3, 6 or 9 columns), found {width}"
+            "expected columns x y z, alone or with normals or colours (3, 6 or 9 columns), found {width}; \
+             name them in a header line, such as x y z intensity"
         ));
     }
     let mut scan = Scan { points: columns([0, 1, 2]), ..Scan::default() };
     let (mut normals, mut colors) = (None, None);
-    for first in (3..width).step_by(3) {
+    for first in (3 + usize::from(has_intensity)..width).step_by(3) {
         let trio = columns([first, first + 1, first + 2]);
         let finite = || trio.iter().filter(|row| row.iter().all(|x| x.is_finite()));
         let unit = |row: &[f64; 3]| (row.iter().map(|x| x * x).sum::<f64>().sqrt() - 1.0).abs() <= 0.01;

@@ -39,7 +39,7 @@ pub(super) fn cut_out<'a>(
         return Ok(Part { region, ..part });
     }
     let found = support.map(|support| find_under(&scene, support, config)).transpose()?.flatten();
-    let Some(Ground { plane, kept, reason, removed, is_backdrop }) = found else {
+    let Some(Ground { plane, band, kept, reason, removed, is_backdrop }) = found else {
         return Ok(Part { scene, ground: None, region: None, beside: 0.0 });
     };
     let [reason_of, count_of] =
@@ -50,7 +50,7 @@ pub(super) fn cut_out<'a>(
     if is_backdrop {
         return Ok(Part { scene: scene.select(&kept), ground: None, region, beside: 0.0 });
     }
-    let floor = Floor::new(plane, without(&scene.points, &kept));
+    let floor = Floor::new(plane, band, without(&scene.points, &kept));
     let scene = scene.select(&kept);
     let (scene, beside) = match config.cluster {
         ClusterMode::Main => scene.isolated(&floor, &config.outliers)?,

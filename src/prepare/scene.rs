@@ -236,6 +236,9 @@ impl<'a> Scene<'a> {
         /// How far a piece in the air may be from what it holds to [extent of that].
         const ATTACHED: f64 = 0.4;
         let mut left_out: f64 = 0.0;
+        let edge = (0.5 * params.cluster_distance * width(&self.points)).max(sure_cell(&self.points)?);
+        let standing = floor.standing(&self.points, edge);
+        self = self.select(&standing);
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
                 break;

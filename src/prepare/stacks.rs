@@ -2,7 +2,7 @@
 
 use std::array;
 use std::cmp::Ordering;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use nalgebra::Vector3;
 
@@ -31,14 +31,36 @@ pub(super) struct Floor {
     normal: Vector3<f64>,
     offset: f64,
     axes: [Vector3<f64>; 2],
+    /// Half width of the band in which its points lie, but for the tails of their noise \[length\].
+    band: f64,
     /// Points of the scene that are no candidates for the part: among them those on the plane.
     points: Vec<[f64; 3]>,
 }
 
 impl Floor {
-    pub(super) fn new([x, y, z, offset]: [f64; 4], points: Vec<[f64; 3]>) -> Self {
+    pub(super) fn new([x, y, z, offset]: [f64; 4], band: f64, points: Vec<[f64; 3]>) -> Self {
         let normal = Vector3::new(x, y, z);
-        Self { normal, offset, axes: tangents(&normal), points }
+        Self { normal, offset, axes: tangents(&normal), band, points }
+    }
+
+    /// Which of the `points` stand on it, ascending: all but the tails of its own noise, by which what stands apart would hang
+    /// together. These lie hardly higher than the band, here and there over the floor, which is counted in cells with this `edge`
+    /// \[length\]; a thin plate that lies on it hides it.
+    pub(super) fn standing(&self, points: &[[f64; 3]], edge: f64) -> Vec<u32> {
+        /// Height up to which tails reach [bands].
+        const TAILS: f64 = 2.0;
+        /// Points of the floor for each that may be one of a tail, in the same cell.
+        const MANY: u32 = 10;
+        let is_low = |p: &[f64; 3]| self.height(p) <= TAILS * self.band;
+        let mut counts: HashMap<Cell, [u32; 2]> = HashMap::new();
+        points.iter().filter(|p| is_low(p)).for_each(|p| counts.entry(self.cell(p, edge)).or_default()[0] += 1);
+        for p in self.points.iter().filter(|p| self.height(p).abs() <= self.band) {
+            counts.entry(self.cell(p, edge)).and_modify(|[_, floor]| *floor += 1);
+        }
+        let is_tail = |p: &[f64; 3]| {
+            is_low(p) && counts.get(&self.cell(p, edge)).is_some_and(|[low, floor]| MANY * low <= *floor)
+        };
+        (0_u32..).zip(points).filter(|(_, p)| !is_tail(p)).map(|(i, _)| i).collect()
     }
 
     fn height(&self, p: &[f64; 3]) -> f64 {
@@ -270,7 +292,7 @@ mod tests {
             let params = ClusterParams { distance: 1.0, keep_ratio: 1.0 };
             let clusters = main_cluster(&points, &params)?;
             assert_eq!(clusters.sizes.len(), 2);
-            let floor = Floor::new([0.0, 0.0, 1.0, 0.0], slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
+            let floor = Floor::new([0.0, 0.0, 1.0, 0.0], 0.1, slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
             let LargestStack { holds, .. } = largest_stack(&points, &clusters, &floor, 1.0, reach);
             Ok::<_, Error>(holds.into_iter().filter(|of| *of).count())
         };

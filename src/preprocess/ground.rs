@@ -51,6 +51,8 @@ impl Default for GroundParams {
 pub struct Ground {
     /// Unit normal n toward the part, and d, with n . x + d = 0.
     pub plane: [f64; 4],
+    /// Half width of the band about it that was removed \[length\].
+    pub band: f64,
     /// Points that remain as candidates for the part, ascending: those over the plane.
     pub kept: Vec<u32>,
     /// Number of points removed.

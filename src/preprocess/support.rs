@@ -105,6 +105,7 @@ impl Found {
         let kept: Vec<u32> = (0_u32..).zip(points).filter(|(_, p)| over(p)).map(|(i, _)| i).collect();
         Some(Ground {
             plane: plane.coefficients(),
+            band,
             removed: points.len() - kept.len(),
             kept,
             is_backdrop: self.is_backdrop,

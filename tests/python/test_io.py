@@ -301,6 +301,22 @@ def test_text_colors_and_normals_are_told_apart_by_their_values(tmp_path):
 # ---- viewpoints ----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("intensity", [False, True])
+@pytest.mark.parametrize("colored", [False, True])
+def test_text_whose_first_line_counts_the_points(tmp_path, intensity, colored):
+    between = [np.linspace(-700.0, 900.0, 20)[:, None]] if intensity else []
+    table = rows(np.hstack([POINTS, *between, *([COLORS] if colored else [])]), " ")
+    (tmp_path / "cloud.pts").write_text(f"20\n{table}")
+    check(tmp_path / "cloud.pts", colors=COLORS if colored else None)
+    (tmp_path / "cloud.pts").write_text(f"21\n{table}")
+    with pytest.raises(InvalidInputError, match="counts 21 points, the file holds 20"):
+        read(tmp_path / "cloud.pts")
+    if intensity:
+        (tmp_path / "cloud.xyz").write_text(table)
+        with pytest.raises(InvalidInputError, match="name them in a first line, such as x y z intensity"):
+            read(tmp_path / "cloud.xyz")
+
+
 def test_viewpoints_are_written_where_the_format_holds_them(tmp_path):
     one, each = np.array([1.0, 2.0, 3.0]), np.linspace([1.0, 2.0, 3.0], [2.0, 2.0, 3.0], 20)
     write_scene(tmp_path / "cloud.npz", Scene(POINTS, viewpoints=each))

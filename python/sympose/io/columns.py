@@ -52,7 +52,8 @@ def split_unnamed(table: NDArray[Any], source: str) -> dict[str, NDArray[Any]]:
     if table.ndim != 2 or table.shape[1] not in (3, 6, 9):
         raise InvalidInputError(
             f"{source}: expected the columns x y z, alone or with normals or colours (3, 6 or 9 columns), "
-            f"found an array of shape {table.shape}"
+            f"found an array of shape {table.shape}; name them in a first line, such as x y z intensity, or "
+            "use PLY or NPZ"
         )
     parts = {"points": table[:, :3]}
     for first in range(3, table.shape[1], 3):

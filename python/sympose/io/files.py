@@ -38,7 +38,7 @@ _WRITERS: dict[str, Callable[[Path, Scene, bool], None]] = {
     ".npz": write_npz,
 }
 _BINARY_SUFFIXES = {".ply": "PLY", ".pcd": "PCD", ".npy": "NPY", ".npz": "NPZ"}
-_TEXT_SUFFIXES = (".xyz", ".xyzn", ".xyzrgb", ".txt", ".csv", ".asc", ".tsv", "")
+_TEXT_SUFFIXES = (".xyz", ".xyzn", ".xyzrgb", ".txt", ".csv", ".pts", ".asc", ".tsv", "")
 _NPY_START, _NPZ_START = b"\x93NUMPY", b"PK\x03\x04"
 _IMAGE_STARTS = (b"\x89PNG", b"II*\0", b"MM\0*", b"\xff\xd8\xff")
 
@@ -55,7 +55,7 @@ def read(path: str | os.PathLike[str]) -> Scene:
       default (0 0 0 1 0 0 0) also stands in clouds that have none, so it counts as a sensor at the origin
       only where the cloud is organised (HEIGHT > 1), that is an image of one sensor, and the order of its
       points does not tell that this stood elsewhere. One that is not finite is unknown.
-    - XYZ, TXT, CSV: see `sympose.io.table`.
+    - XYZ, TXT, CSV, PTS: see `sympose.io.table`.
     - NPY: (N, 3) points, or (N, 6) with normals or colours; of an organised cloud (H, W, 3).
     - NPZ: one array without a name, as in NPY; or keys `points`, and optionally `normals`, `colors`,
       `viewpoints`, and those of `Scene.tracks`, `track_places`, `track_counts` and `track_seen_from`; or
@@ -177,7 +177,7 @@ def _kind(file: Path) -> str:
         raise InvalidInputError(f"{file}: an image, not a point cloud; use Scene.from_depth for depth images")
     if suffix not in _TEXT_SUFFIXES or b"\0" in start:
         raise InvalidInputError(
-            f"{file}: not a point cloud of a known format (PLY, PCD, XYZ, TXT, CSV, NPY, NPZ, or a COLMAP "
-            f"folder); it starts with {start[:16]!r}"
+            f"{file}: not a point cloud of a known format (PLY, PCD, XYZ, TXT, CSV, PTS, NPY, NPZ, or a "
+            f"COLMAP folder); it starts with {start[:16]!r}"
         )
     return "text"

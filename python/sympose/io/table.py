@@ -1,11 +1,12 @@
-"""Text: XYZ, TXT, CSV.
+"""Text: XYZ, TXT, CSV, PTS.
 
 One point a line; the columns are parted by blanks, tabs, commas or semicolons (with semicolons, a comma is a
 decimal comma). Lines that start with `#` or `//` are comments. A header line, also as a comment, names the
 columns: x y z, and nx ny nz or normal_x normal_y normal_z, and r g b or red green blue, in any order; others
 are ignored, and may hold text or nothing. Without a header there are 3, 6 or 9 columns: x y z, then normals
 or colours or both, told by their values. Cells may be quoted; what is empty after the last delimiter of a
-line is no column.
+line is no column. A first line that is one whole number counts the points, as in PTS; then there may be 4 or
+7 columns without a header, of which the fourth is the intensity.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ def read_table(path: Path) -> Scene:
     layout, rows = _split_header(plain_nan(text.encode()).decode(), path)
     names = layout.names
     if names is None:
-        columns = split_unnamed(_numbers(rows, layout, range(layout.width), path), str(path))
+        # In the files that count their points, the intensity may stand between place and colour.
+        has_intensity = layout.count is not None and layout.width in (4, 7)
+        used = [column for column in range(layout.width) if not has_intensity or column != 3]
+        columns = split_unnamed(_numbers(rows, layout, used, path), str(path))
     else:
         found = find_columns(names)
         if "points" not in found:
@@ -42,6 +46,11 @@ def read_table(path: Path) -> Scene:
         used = [names.index(name) for trio in found.values() for name in trio]
         table = _numbers(rows, layout, used, path)
         columns = {part: table[:, 3 * k : 3 * k + 3] for k, part in enumerate(found)}
+    found_rows = len(columns["points"])
+    if layout.count not in (None, found_rows):
+        raise InvalidInputError(
+            f"{path}: the first line counts {layout.count} points, the file holds {found_rows}"
+        )
     return Scene(
         columns["points"],
         to_colors(columns.get("colors")),
@@ -88,12 +97,15 @@ class _Layout(NamedTuple):
     width: int
     first: int
     """Number of the line of the first row."""
+    count: int | None
+    """How many points the first line promises."""
 
 
 def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
     """Return the layout, and the lines from the first row on."""
     names: list[str] | None = None
     likely: str | None = None
+    count: int | None = None
     line = ""
     lines = [line.strip() for line in text.split("\n")]
     for k, line in enumerate(lines):
@@ -102,13 +114,16 @@ def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
         content = line.lstrip("#/ \t") if comment else line.partition("#")[0].rstrip()
         if not content:
             continue
+        if not comment and names is None and count is None and content.isascii() and content.isdecimal():
+            count = int(content)
+            continue
         delimiter = _delimiter(content)
         title = _without_open_end(_cells(content, delimiter), delimiter)
         named = names is not None and "points" in find_columns(names)
         if not comment and (named or _is_number(title[0].replace(",", "."))):
             delimiter = _delimiter(content, likely)
             row = _without_open_end(_cells(content, delimiter), delimiter)
-            return _Layout(names, delimiter, len(names or row), k + 1), lines[k:]
+            return _Layout(names, delimiter, len(names or row), k + 1, count), lines[k:]
         if not comment or "points" in find_columns(title):
             if names is not None and not comment:
                 break
