@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::prepare::Prepared;
-use crate::rivals::{Likeness, MOSTLY_HIDDEN, ambiguity_of_axes, other_order};
+use crate::rivals::{Likeness, MOSTLY_HIDDEN, ambiguity_of_axes};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::CloserPart;
 use crate::symmetry::details::Details;
@@ -34,6 +34,8 @@ pub(crate) struct Answer<'a> {
     pub score: &'a MatchScore,
     /// The order found about it.
     pub detection: &'a Detection,
+    /// Another order that holds as well about nearly the same axis.
+    pub rival: Option<u32>,
     /// How it was found.
     pub detect: &'a DetectParams,
     /// The part.
@@ -49,7 +51,7 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
     let ambiguous_half = unseen_half.as_ref().filter(|half| half.is_ambiguous());
     let ambiguity = (answer.ambiguous_order())
         .or_else(|| ambiguity_of_axes(axis, chosen, candidates, &answer.likeness()))
-        .or_else(|| answer.rival_of_search(candidates).map(rival))
+        .or_else(|| answer.rival.map(rival))
         .or_else(|| out_of_sight(declared, score).filter(|_| prepared.one_view()))
         .or_else(|| beyond_sight(&prepared.surface, score, visibility.is_some()))
         .or_else(|| ambiguous_half.map(UnseenHalf::remark));
@@ -93,12 +95,6 @@ impl Answer<'_> {
             .or_else(|| detection.rival.map(rival))
             .or_else(|| detection.faint.then(|| FAINT.to_owned()))
             .or_else(|| self.too_fine())
-    }
-
-    /// Another order that the search found about the same axis. Where details decide the order, it is one of the rest.
-    fn rival_of_search(&self, candidates: &[Found]) -> Option<u32> {
-        let is_of_all = self.declared == Order::Auto && self.detection.details.is_none();
-        self.detection.order.filter(|_| is_of_all).and_then(|order| other_order(self.axis, order, candidates))
     }
 
     fn too_fine(&self) -> Option<String> {

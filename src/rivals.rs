@@ -68,17 +68,24 @@ pub(crate) fn another_axis(angle: f64) -> String {
     format!("ambiguous: another axis, {degrees:.0} degrees away, explains the data about as well")
 }
 
-/// Another order that came out of the search about the same axis and explains the data as well as any there, where neither follows
-/// from the other: teeth of which few are in sight fit those of another number if the axis gives way.
-pub(crate) fn other_order(axis: &Axis, order: Order, candidates: &[Found]) -> Option<u32> {
-    let Order::Cyclic(n) = order else { return None };
+/// Other orders that came out of the search about nearly the same axis and explain the data as well as any there, each with its
+/// first axis, but for those that follow from `order`, or that it follows from: teeth of which few are in sight fit those of another
+/// number if the axis gives way.
+pub(crate) fn other_orders(axis: &Axis, order: Order, candidates: &[Found]) -> Vec<(u32, Axis)> {
+    let Order::Cyclic(n) = order else { return Vec::new() };
     let score = |found: &Found| found.proposal.score.value();
     let here = || candidates.iter().filter(|found| found.proposal.axis.angle_to(axis) <= APART);
     let best = here().map(score).fold(0.0, f64::max);
-    here().filter(|found| score(found) >= AS_WELL * best).find_map(|found| match found.order {
-        Some(Order::Cyclic(m)) if !m.is_multiple_of(n) && !n.is_multiple_of(m) => Some(m),
-        _ => None,
-    })
+    let mut others: Vec<(u32, Axis)> = Vec::new();
+    for found in here().filter(|found| score(found) >= AS_WELL * best) {
+        if let Some(Order::Cyclic(m)) = found.order
+            && !(m.is_multiple_of(n) || n.is_multiple_of(m))
+            && others.iter().all(|(other, _)| *other != m)
+        {
+            others.push((m, found.proposal.axis));
+        }
+    }
+    others
 }
 
 #[cfg(test)]
@@ -130,14 +137,15 @@ mod tests {
     #[test]
     fn another_order_about_the_same_axis_makes_an_order_ambiguous() -> Result<(), &'static str> {
         let axis = Axis::new(Vector3::z(), Vector3::zeros()).ok_or("no axis")?;
-        let found = |given: &[(u32, f64, usize)]| -> Result<Option<u32>, &'static str> {
-            Ok(other_order(&axis, Order::Cyclic(18), &candidates(given)?))
+        let found = |given: &[(u32, f64, usize)]| -> Result<Vec<u32>, &'static str> {
+            let others = other_orders(&axis, Order::Cyclic(18), &candidates(given)?);
+            Ok(others.into_iter().map(|(m, _)| m).collect())
         };
-        assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 96), (13, 0.0, 96)])?, Some(17));
+        assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 96), (13, 0.0, 96), (17, 0.0, 95)])?, [17, 13]);
         // One follows from the other.
-        assert_eq!(found(&[(18, 0.0, 96), (6, 0.0, 97), (36, 0.0, 95)])?, None);
+        assert_eq!(found(&[(18, 0.0, 96), (6, 0.0, 97), (36, 0.0, 95)])?, [0; 0]);
         // It fits worse, or about another axis.
-        assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 80), (5, 0.3, 99)])?, None);
+        assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 80), (5, 0.3, 99)])?, [0; 0]);
         Ok(())
     }
 }

@@ -53,7 +53,10 @@ impl Floor {
         const MANY: u32 = 10;
         let is_low = |p: &[f64; 3]| self.height(p) <= TAILS * self.band;
         let mut counts: HashMap<Cell, [u32; 2]> = HashMap::new();
-        points.iter().filter(|p| is_low(p)).for_each(|p| counts.entry(self.cell(p, edge)).or_default()[0] += 1);
+        points
+            .iter()
+            .filter(|p| is_low(p))
+            .for_each(|p| counts.entry(self.cell(p, edge)).or_default()[0] += 1);
         for p in self.points.iter().filter(|p| self.height(p).abs() <= self.band) {
             counts.entry(self.cell(p, edge)).and_modify(|[_, floor]| *floor += 1);
         }
@@ -284,6 +287,21 @@ mod tests {
     }
 
     #[test]
+    fn tails_of_the_floor_do_not_stand_on_it() {
+        // 400 points of the floor in each cell of its left half; the right half is hidden by what lies on it.
+        let floor = Floor::new([0.0, 0.0, 1.0, 0.0], 0.1, slab([0.25, 0.25, 0.0], [9.75, 19.75, 0.0]));
+        let tails = [[2.0, 2.0, 0.15], [2.0, 12.0, 0.19], [6.0, 2.0, 0.15]];
+        let higher = [[2.0, 2.0, 0.21], [6.0, 2.0, 5.0]];
+        let plate = [[12.0, 2.0, 0.15], [12.0, 4.0, 0.15]];
+        let points: Vec<[f64; 3]> = tails.into_iter().chain(higher).chain(plate).collect();
+        assert_eq!(floor.standing(&points, 10.0), [3, 4, 5, 6]);
+        // As many as a tenth of the points of the floor may be more than its noise.
+        let crowd = vec![[2.0, 2.0, 0.15]; 41];
+        assert_eq!(floor.standing(&crowd, 10.0).len(), 41);
+        assert!(floor.standing(&crowd[1..], 10.0).is_empty());
+    }
+
+    #[test]
     fn a_piece_in_the_air_holds_to_a_larger_one_nearby() -> Result<()> {
         // A block, and a plate beside it at a height: how many of the two are of the largest thing.
         let kept = |height: f64, reach: f64, bare: f64| {
@@ -292,7 +310,8 @@ mod tests {
             let params = ClusterParams { distance: 1.0, keep_ratio: 1.0 };
             let clusters = main_cluster(&points, &params)?;
             assert_eq!(clusters.sizes.len(), 2);
-            let floor = Floor::new([0.0, 0.0, 1.0, 0.0], 0.1, slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
+            let floor =
+                Floor::new([0.0, 0.0, 1.0, 0.0], 0.1, slab([13.0, 0.0, 0.0], [13.0 + bare, 10.0, 0.0]));
             let LargestStack { holds, .. } = largest_stack(&points, &clusters, &floor, 1.0, reach);
             Ok::<_, Error>(holds.into_iter().filter(|of| *of).count())
         };

@@ -135,6 +135,27 @@ def knurled_knob(teeth: int) -> Part:
     return solid_part(manifold3d.CrossSection([outline]).extrude(0.268) ^ rounded, teeth)
 
 
+def toothed_dome(teeth: int) -> Part:
+    """A dome with low teeth about its foot."""
+    angle = np.linspace(0.0, 0.5 * np.pi, 24)
+    rim = np.column_stack([0.45 * np.cos(angle), 0.04 + 0.2 * np.sin(angle)])
+    profile = np.vstack([[0.0, 0.0], [0.45, 0.0], rim[:-1], [0.0, 0.24]])
+    solid = manifold3d.CrossSection([profile]).revolve(180)
+    tooth = manifold3d.Manifold.cube([0.1, 0.36 * np.pi / teeth, 0.06], center=True)
+    for k in range(teeth):
+        solid += tooth.translate([0.45, 0.0, 0.04]).rotate([0.0, 0.0, 360.0 * k / teeth])
+    return solid_part(solid, teeth)
+
+
+@pytest.mark.parametrize(("teeth", "views", "seed"), [(58, 1, 4), (58, 2, 2), (58, 2, 3)])
+def test_orders_that_a_rough_axis_fits_leave_no_doubt(teeth: int, views: int, seed: int) -> None:
+    found = sympose.estimate(
+        scan(toothed_dome(teeth), "sphere" if views == 1 else "upper", views=views, seed=seed).scene
+    )
+    assert found.order == teeth
+    assert found.score > 0.9
+
+
 @pytest.mark.parametrize(("teeth", "seed"), [(53, 9), (50, 2)])
 def test_few_of_many_teeth_do_not_tell_their_number(teeth: int, seed: int) -> None:
     # They fit another number as well if the axis gives way by a fraction of a tooth.

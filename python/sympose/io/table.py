@@ -36,7 +36,7 @@ def read_table(path: Path) -> Scene:
     names = layout.names
     if names is None:
         # In the files that count their points, the intensity may stand between place and colour.
-        has_intensity = layout.count is not None and layout.width in (4, 7)
+        has_intensity = layout.promised is not None and layout.width in (4, 7)
         used = [column for column in range(layout.width) if not has_intensity or column != 3]
         columns = split_unnamed(_numbers(rows, layout, used, path), str(path))
     else:
@@ -47,9 +47,9 @@ def read_table(path: Path) -> Scene:
         table = _numbers(rows, layout, used, path)
         columns = {part: table[:, 3 * k : 3 * k + 3] for k, part in enumerate(found)}
     found_rows = len(columns["points"])
-    if layout.count not in (None, found_rows):
+    if layout.promised not in (None, found_rows):
         raise InvalidInputError(
-            f"{path}: the first line counts {layout.count} points, the file holds {found_rows}"
+            f"{path}: the first line counts {layout.promised} points, the file holds {found_rows}"
         )
     return Scene(
         columns["points"],
@@ -97,7 +97,7 @@ class _Layout(NamedTuple):
     width: int
     first: int
     """Number of the line of the first row."""
-    count: int | None
+    promised: int | None
     """How many points the first line promises."""
 
 
@@ -105,7 +105,7 @@ def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
     """Return the layout, and the lines from the first row on."""
     names: list[str] | None = None
     likely: str | None = None
-    count: int | None = None
+    promised: int | None = None
     line = ""
     lines = [line.strip() for line in text.split("\n")]
     for k, line in enumerate(lines):
@@ -114,8 +114,8 @@ def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
         content = line.lstrip("#/ \t") if comment else line.partition("#")[0].rstrip()
         if not content:
             continue
-        if not comment and names is None and count is None and content.isascii() and content.isdecimal():
-            count = int(content)
+        if not comment and names is None and promised is None and content.isascii() and content.isdecimal():
+            promised = int(content)
             continue
         delimiter = _delimiter(content)
         title = _without_open_end(_cells(content, delimiter), delimiter)
@@ -123,7 +123,7 @@ def _split_header(text: str, path: Path) -> tuple[_Layout, list[str]]:
         if not comment and (named or _is_number(title[0].replace(",", "."))):
             delimiter = _delimiter(content, likely)
             row = _without_open_end(_cells(content, delimiter), delimiter)
-            return _Layout(names, delimiter, len(names or row), k + 1, count), lines[k:]
+            return _Layout(names, delimiter, len(names or row), k + 1, promised), lines[k:]
         if not comment or "points" in find_columns(title):
             if names is not None and not comment:
                 break
