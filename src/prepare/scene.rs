@@ -236,9 +236,6 @@ impl<'a> Scene<'a> {
         /// How far a piece in the air may be from what it holds to [extent of that].
         const ATTACHED: f64 = 0.4;
         let mut left_out: f64 = 0.0;
-        let edge = (0.5 * params.cluster_distance * width(&self.points)).max(sure_cell(&self.points)?);
-        let standing = floor.standing(&self.points, edge);
-        self = self.select(&standing);
         for _ in 0..LOOKS {
             if self.points.len() < MIN_POINTS {
                 break;
@@ -247,6 +244,11 @@ impl<'a> Scene<'a> {
             // Where strays are very far away the cells are as small as they may be: no setting is to blame.
             let cell = (0.125 * params.cluster_distance * diameter).max(sure_cell(&self.points)?);
             let distance = 4.0 * cell;
+            let standing = floor.standing(&self.points, distance);
+            if standing.len() < MIN_POINTS {
+                break;
+            }
+            self = self.select(&standing);
             let coarse = voxel_downsample(&self.points, cell)?;
             let clusters = main_cluster(&coarse.points, &ClusterParams { distance, keep_ratio: 1.0 })?;
             let largest = largest_stack(&coarse.points, &clusters, floor, distance, ATTACHED);
