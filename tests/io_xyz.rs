@@ -88,7 +88,7 @@ fn damage_is_named() {
         ("2\n1 2 3\n2\n4 5 6\n", "line 3: 1 columns, but 3 in the first row"),
         ("1\n2\n3\n", "3, 6 or 9 columns), found 1"),
         ("7\n", "expected rows of numbers x y z"),
-        ("2\nhello\n1 2 3\nC 4 5 6\n", "line 4: expected a row of numbers"),
+        ("2\nwater\nO 1 2 3\nH 4 5 6\n", "line 3: expected a row of numbers, found \"O 1 2 3\""),
         ("a b c\n1 2 3\n", "expected columns x y z, found a, b, c"),
         ("hello\nworld\n", "line 2: expected a row of numbers"),
         ("# nothing here\n", "expected rows of numbers x y z"),
