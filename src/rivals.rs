@@ -143,9 +143,9 @@ mod tests {
         };
         assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 96), (13, 0.0, 96), (17, 0.0, 95)])?, [17, 13]);
         // One follows from the other.
-        assert_eq!(found(&[(18, 0.0, 96), (6, 0.0, 97), (36, 0.0, 95)])?, [0; 0]);
+        assert!(found(&[(18, 0.0, 96), (6, 0.0, 97), (36, 0.0, 95)])?.is_empty());
         // It fits worse, or about another axis.
-        assert_eq!(found(&[(18, 0.0, 96), (17, 0.0, 80), (5, 0.3, 99)])?, [0; 0]);
+        assert!(found(&[(18, 0.0, 96), (17, 0.0, 80), (5, 0.3, 99)])?.is_empty());
         Ok(())
     }
 }

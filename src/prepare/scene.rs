@@ -245,6 +245,7 @@ impl<'a> Scene<'a> {
             let cell = (0.125 * params.cluster_distance * diameter).max(sure_cell(&self.points)?);
             let distance = 4.0 * cell;
             let standing = floor.standing(&self.points, distance);
+            // What hardly rises above the noise of the floor stays as it is.
             if standing.len() < MIN_POINTS {
                 break;
             }
