@@ -18,7 +18,7 @@ use crate::rivals::{APART, AS_WELL, another_axis, other_orders};
 use crate::symmetry::axis::Axis;
 use crate::symmetry::closeness::closer_part;
 use crate::symmetry::covariance::{CommonErrors, INFLATION};
-use crate::symmetry::details::{Details, contradicting_details};
+use crate::symmetry::details::{Details, contradicting_details, contradicting_walls};
 use crate::symmetry::detect::{DetectParams, Detection, detect_order};
 use crate::symmetry::order::{Order, Turns};
 use crate::symmetry::pace::matching_pace;
@@ -27,7 +27,7 @@ use crate::symmetry::refine::{Aligner, RefineParams, Refined};
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::search::{Found, group_size};
 use crate::symmetry::surface::{Gate, Surface};
-use crate::symmetry::sweep::Turning;
+use crate::symmetry::sweep::{Turning, Witness};
 use crate::symmetry::teeth::{Teeth, teeth};
 
 /// Points on which the final axis is judged.
@@ -276,7 +276,7 @@ impl Estimator {
         let distance = (prepared.sparseness * distance).min(widest.distance);
         let gate = Gate { distance, off_plane, ..widest };
         let sight = prepared.sight(axis);
-        let turning = Turning { surface, axis, gate, sight, control };
+        let turning = Turning { surface, axis, gate, sight, witness: Witness::Cameras, control };
         let mut detection = detect_order(&turning, params)?;
         if let Some(rest) = detection.order {
             let shows_details = prepared.visibility.as_ref().is_some_and(|v| v.shows_details);
@@ -306,7 +306,11 @@ impl Estimator {
             self.config().order == Order::Auto && rest == Order::Continuous && surface.oriented;
         let teeth = may_have_teeth.then(|| teeth(surface, axis, params.max_order)).flatten();
         let toothed = if let Some(Teeth::Number(n)) = teeth { Order::Cyclic(n) } else { rest };
-        let details = if rings_show_them { contradicting_details(turning, toothed, params)? } else { None };
+        let mut details =
+            if rings_show_them { contradicting_details(turning, toothed, params)? } else { None };
+        if surface.oriented && !matches!(details, Some(Details::OfOrder { .. })) {
+            details = contradicting_walls(turning, toothed, params)?.or(details);
+        }
         let of_order =
             |order: u32, faint: bool| (Order::Cyclic(order), Some(Details::OfOrder { order, rest, faint }));
         Ok(match (details, teeth) {

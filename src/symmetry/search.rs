@@ -15,7 +15,7 @@ use crate::symmetry::revolution::axis_of_revolution;
 use crate::symmetry::score::{MatchScore, match_score};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Surface};
-use crate::symmetry::sweep::{SURVEY_ORDER, Turning};
+use crate::symmetry::sweep::{SURVEY_ORDER, Turning, Witness};
 use crate::symmetry::visibility::Visibility;
 
 /// Orders under which axes are proposed when none is known: small primes, whose multiples they also find, and turns
@@ -232,7 +232,8 @@ fn consider(
     let ask = |(axis, hypothesis): (Axis, Order)| {
         context.control.check()?;
         let sight = Sight::about(&axis, surface, context.visibility);
-        let turning = Turning { surface, axis: &axis, gate: context.gate, sight, control: context.control };
+        let (gate, witness, control) = (context.gate, Witness::Cameras, context.control);
+        let turning = Turning { surface, axis: &axis, gate, sight, witness, control };
         let detection = detect_order(&turning, quick)?;
         let score = context.score(surface, &axis, detection.order.unwrap_or(hypothesis), sight);
         Ok(Found {

@@ -26,6 +26,12 @@ impl Samples {
         }
     }
 
+    /// Each of them twice, one after the other.
+    pub(crate) fn twice(&self) -> Self {
+        let repeated = |all: &[Vector3<f64>]| all.iter().flat_map(|one| [*one; 2]).collect();
+        Self { points: repeated(&self.points), normals: repeated(&self.normals) }
+    }
+
     /// About `count` of them, chosen by their place and their number alone: where a point comes or goes, hardly any other
     /// changes. `cell` is the distance between them \[length\].
     #[must_use]

@@ -12,6 +12,7 @@ use crate::symmetry::order::gcd;
 use crate::symmetry::score::{MISSING, Outcome, outcome};
 use crate::symmetry::sight::Sight;
 use crate::symmetry::surface::{Gate, Samples, Surface};
+use crate::symmetry::walls::outcome_of_wall;
 
 /// Evidence gathered at some angles: weights for and against.
 #[derive(Debug, Clone, Copy, Default)]
@@ -77,13 +78,26 @@ pub(crate) struct Turning<'a> {
     pub axis: &'a Axis,
     pub gate: Gate,
     pub sight: Sight<'a>,
+    pub witness: Witness,
     pub control: &'a Control,
+}
+
+/// What speaks against points that miss the surface.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Witness {
+    /// Cameras that look through where they are.
+    Cameras,
+    /// A surface that is flat where a wall should be.
+    Flats,
 }
 
 impl Turning<'_> {
     /// What becomes of a point with a normal.
     pub(crate) fn outcome(&self, point: &Vector3<f64>, normal: &Vector3<f64>, turn: &Turn) -> Outcome {
-        outcome(self.surface, point, normal, turn, self.gate, self.sight)
+        match self.witness {
+            Witness::Cameras => outcome(self.surface, point, normal, turn, self.gate, self.sight),
+            Witness::Flats => outcome_of_wall(self.surface, point, normal, turn, self.gate),
+        }
     }
 }
 
