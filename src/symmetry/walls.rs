@@ -98,3 +98,71 @@ impl Beside {
         })
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    const SPACING: f64 = 0.01;
+
+    /// A plate of radius 0.5 about +z with so many slots, two or three points wide and two rows deep.
+    pub(crate) fn slotted(slots: u32) -> Surface {
+        const HALF_WIDTH: f64 = 0.012;
+        let ends = 0.2..0.4;
+        let mut samples = Samples::default();
+        let mut add = |point: Vector3<f64>, normal| {
+            samples.points.push(point);
+            samples.normals.push(normal);
+        };
+        let angle_of = |slot| TAU * f64::from(slot) / f64::from(slots);
+        for (i, k) in (-50..=50).flat_map(|i| (-50..=50).map(move |k| (i, k))) {
+            let point = Vector3::new(SPACING * f64::from(i), SPACING * f64::from(k), 0.0);
+            let is_cut = |slot| {
+                let along = Vector3::new(angle_of(slot).cos(), angle_of(slot).sin(), 0.0);
+                point.cross(&along).norm() < HALF_WIDTH && ends.contains(&point.dot(&along))
+            };
+            if point.norm() < 0.5 && !(0..slots).any(is_cut) {
+                add(point, Vector3::z());
+            }
+        }
+        for slot in 0..slots {
+            let (sin, cos) = angle_of(slot).sin_cos();
+            let (along, across) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
+            for (i, depth) in (20..=40).flat_map(|i| [0.003, 0.013].map(|depth| (i, depth))) {
+                for side in [-1.0, 1.0] {
+                    let foot = along * (SPACING * f64::from(i)) + across * (side * HALF_WIDTH);
+                    add(foot - Vector3::z() * depth, across * -side);
+                }
+            }
+        }
+        Surface::new(samples, true, SPACING, 3.0 * SPACING)
+    }
+
+    pub(crate) fn axis() -> Axis {
+        Axis { direction: Vector3::z_axis(), point: Vector3::zeros() }
+    }
+
+    #[test]
+    fn what_goes_on_beside_and_stands_aside_is_a_wall() {
+        let found = walls(&slotted(4), &axis(), 10_000);
+        assert!((4 * 70..=4 * 84).contains(&found.points.len()), "{}", found.points.len());
+        assert!(found.normals.iter().all(|normal| normal.z == 0.0));
+        assert_eq!(walls(&slotted(4), &axis(), 40).points.len(), 40);
+        assert!(walls(&slotted(0), &axis(), 10_000).points.is_empty());
+    }
+
+    #[test]
+    fn a_wall_is_contradicted_where_the_surface_is_flat() {
+        let surface = slotted(4);
+        let gate = Gate { distance: 1.3 * SPACING, cosine: 0.8, off_plane: 1.1 * SPACING };
+        let outcome = |depth: f64, turns: f64| {
+            let point = Vector3::new(0.3, 0.012, -depth);
+            outcome_of_wall(&surface, &point, &-Vector3::y(), &axis().turn(TAU * turns), gate)
+        };
+        assert_eq!(outcome(0.003, 0.25), Outcome::Matched);
+        assert_eq!(outcome(0.003, 0.125), Outcome::Contradicted);
+        // Within the plate nobody saw anything, and beside a slot it is not flat all round.
+        assert_eq!(outcome(0.013, 0.125), Outcome::Hidden);
+        assert_eq!(outcome(0.003, 0.243), Outcome::Hidden);
+    }
+}
