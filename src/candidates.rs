@@ -292,7 +292,8 @@ impl Estimator {
         Ok(detection)
     }
 
-    /// The order of a surface with small details, being `rest` without them: teeth, where it seems round, and what its rings show.
+    /// The order of a surface with small details, being `rest` without them: teeth, where it seems round, what its rings show, and where
+    /// these show no order, its walls.
     fn with_details(
         &self,
         turning: &Turning<'_>,
@@ -306,11 +307,13 @@ impl Estimator {
             self.config().order == Order::Auto && rest == Order::Continuous && surface.oriented;
         let teeth = may_have_teeth.then(|| teeth(surface, axis, params.max_order)).flatten();
         let toothed = if let Some(Teeth::Number(n)) = teeth { Order::Cyclic(n) } else { rest };
-        let mut details =
-            if rings_show_them { contradicting_details(turning, toothed, params)? } else { None };
-        if surface.oriented && !matches!(details, Some(Details::OfOrder { .. })) {
-            details = contradicting_walls(turning, toothed, params)?.or(details);
-        }
+        let of_rings = if rings_show_them { contradicting_details(turning, toothed, params)? } else { None };
+        let details = match of_rings {
+            Some(Details::OfNone) | None if surface.oriented => {
+                contradicting_walls(turning, toothed, params)?.or(of_rings)
+            }
+            _ => of_rings,
+        };
         let of_order =
             |order: u32, faint: bool| (Order::Cyclic(order), Some(Details::OfOrder { order, rest, faint }));
         Ok(match (details, teeth) {

@@ -70,7 +70,7 @@ pub(crate) fn contradicting_details(
     Ok(told.of_order.or_else(|| is_misfit().then_some(Details::OfNone)))
 }
 
-/// The same, as its walls show it: slots and ribs so narrow that no camera sees through them.
+/// The same, as its walls show it: slots so narrow that no camera sees through them, and ribs as narrow.
 ///
 /// # Errors
 /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::DeadlineExceeded`](crate::Error::DeadlineExceeded).
@@ -90,7 +90,7 @@ pub(crate) fn contradicting_walls(
     let walls = walls(turning.surface, turning.axis, ASKED.max(ROTATED / turns.len()));
     let rings = Rings::about(turning.axis, &walls);
     let with_details = rings_with_details(&turning, &turns, (&rings, &walls), limits.contradicted);
-    // A sweep turns every second point the other way; there are so few that each of them has to go both ways.
+    // A sweep turns every second point the other way; of so few each has to go both ways.
     let samples = rings.within(&with_details, &walls, SAMPLES).twice();
     let told = what_they_tell(&turning, order, &samples, &limits, params)?;
     Ok(told.and_then(|told| told.of_order))

@@ -115,6 +115,41 @@ def test_narrow_slots_that_two_views_show_leave_no_doubt(slots: int, seed: int) 
     assert not any("ambiguous" in warning for warning in found.warnings)
 
 
+def toothed_and_slotted(teeth: int, slots: int, width: float) -> Part:
+    """A wheel with teeth on its rim and narrow slots in its web."""
+    solid = cylinder(0.08, 0.42, 0.0) + cylinder(0.2, 0.15, 0.0) - cylinder(1.0, 0.06, -0.3)
+    tooth = manifold3d.Manifold.cube([0.16, 0.05, 0.06], True).translate([0.45, 0.0, 0.03])
+    slot = manifold3d.Manifold.cube([0.2, width, 1.0], True).translate([0.28, 0.0, 0.0])
+    for k in range(teeth):
+        solid += tooth.rotate([0.0, 0.0, 360.0 * k / teeth])
+    for k in range(slots):
+        solid -= slot.rotate([0.0, 0.0, 360.0 * k / slots])
+    return solid_part(solid, int(np.gcd(teeth, slots)))
+
+
+@pytest.mark.parametrize(
+    ("teeth", "slots", "scenario", "views", "seed", "dropout"),
+    [(22, 11, "upper", 2, 1, 0.0), (12, 4, "upper", 2, 2, 0.0), (10, 5, "sphere", 3, 1, 0.0)]
+    + [(22, 11, "sphere", 3, 4, 0.0), (22, 11, "sphere", 5, 1, 0.3)],
+)
+def test_slots_too_narrow_to_see_through_decide_beside_more_teeth(
+    teeth: int, slots: int, scenario: str, views: int, seed: int, dropout: float
+) -> None:
+    part = toothed_and_slotted(teeth, slots, width=0.02)
+    found = sympose.estimate(scan(part, scenario, views=views, seed=seed, dropout=dropout).scene)
+    assert found.order == slots
+    assert any(f"without them it would be {teeth}" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("order", [10, 12])
+@pytest.mark.parametrize(("scenario", "views"), [("upper", 2), ("sphere", 3)])
+def test_slots_between_as_many_teeth_have_their_order(order: int, scenario: str, views: int) -> None:
+    part = toothed_and_slotted(order, order, width=0.02)
+    found = sympose.estimate(scan(part, scenario, views=views, seed=1).scene)
+    assert found.order == order
+    assert not any("details" in warning for warning in found.warnings)
+
+
 def test_an_order_that_pockets_have_by_chance_is_not_trusted() -> None:
     # Over the wall of a deep cup so little of the pockets shows that nothing contradicts a quarter turn.
     cup = cylinder(0.5, 0.4, 0.0) - cylinder(0.5, 0.35, 0.08)
