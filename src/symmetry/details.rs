@@ -42,7 +42,7 @@ pub(super) const SAMPLES: usize = 1500;
 /// surface no ray goes on behind it, so that nothing speaks against points that miss it.
 const NARROW: f64 = 0.7;
 
-/// Rotations of a surface of revolution by which the rings with details are found, at most.
+/// Rotations of a group by which the rings with details are found, at most.
 const TURNS: usize = 24;
 
 /// The details that contradict a group `order` which holds otherwise, as the cameras see it.
@@ -101,7 +101,7 @@ fn narrow<'a>(turning: &Turning<'a>, witness: Witness) -> Turning<'a> {
     Turning { gate, witness, ..*turning }
 }
 
-/// Some rotations of a group.
+/// Rotations of a group, at most [`TURNS`] of them.
 fn turns_of(order: Order, turning: &Turning<'_>) -> Vec<Turn> {
     Turns::all(order, TURNS).angles().map(|angle| turning.axis.turn(angle)).collect()
 }

@@ -78,16 +78,17 @@ pub(crate) struct Turning<'a> {
     pub axis: &'a Axis,
     pub gate: Gate,
     pub sight: Sight<'a>,
+    /// What speaks against a point where it comes to lie.
     pub witness: Witness,
     pub control: &'a Control,
 }
 
-/// What speaks against points that miss the surface.
+/// What can speak against points that miss the surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Witness {
     /// Cameras that look through where they are.
     Cameras,
-    /// A surface that is flat where a wall should be.
+    /// The surface itself, where it is flat and a wall should be.
     Flats,
 }
 

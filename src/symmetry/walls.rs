@@ -25,7 +25,7 @@ pub(crate) fn walls(surface: &Surface, axis: &Axis, count: usize) -> Samples {
     let chosen = (0..taken).map(|i| aside[i * aside.len() / taken]);
     let walls = chosen.map(|i| (points[i], normals[i]));
     let (points, normals) =
-        walls.filter(|(point, normal)| BESIDE.goes_on(surface, point, normal).count() >= DIRECTIONS).unzip();
+        walls.filter(|(point, normal)| BESIDE.directions(surface, point, normal) >= DIRECTIONS).unzip();
     Samples { points, normals }
 }
 
@@ -56,14 +56,14 @@ pub(crate) fn outcome_of_wall(
         (point - surface.samples.points[met as usize]).norm() < distance && height.abs() < off_plane;
     let is_across = ACROSS[0] < cosine && cosine < ACROSS[1];
     let foot = point - facing * height;
-    if is_near && is_across && FLAT.goes_on(surface, &foot, &facing).count() == Beside::DIRECTIONS {
+    if is_near && is_across && FLAT.directions(surface, &foot, &facing) == Beside::DIRECTIONS {
         Outcome::Contradicted
     } else {
         Outcome::Hidden
     }
 }
 
-/// Where a surface is looked for that goes on beside a place.
+/// Where a surface is looked for that goes on beside a place, and what counts as that.
 struct Beside {
     /// How far from the place \[spacings\].
     reach: f64,
@@ -74,28 +74,25 @@ struct Beside {
 }
 
 impl Beside {
+    /// Directions that are looked in.
     const DIRECTIONS: usize = 8;
 
-    /// The directions in which the surface goes on beside a `place` of it that faces along `facing`, of [`Self::DIRECTIONS`].
-    fn goes_on(
-        &self,
-        surface: &Surface,
-        place: &Vector3<f64>,
-        facing: &Vector3<f64>,
-    ) -> impl Iterator<Item = usize> {
+    /// In how many directions the surface goes on beside a `place` of it that faces along `facing`.
+    fn directions(&self, surface: &Surface, place: &Vector3<f64>, facing: &Vector3<f64>) -> usize {
         /// Largest distance of what lies there from a measured point [spacings].
         const NEAR: f64 = 1.2;
         let [reach, near, level] = [self.reach, NEAR, self.level].map(|spacings| spacings * surface.spacing);
         let gate = Gate::new(near, self.cosine);
         let [u, v] = tangents(facing);
-        (0..Self::DIRECTIONS).filter(move |&direction| {
-            let (sin, cos) = (TAU * direction as f64 / Self::DIRECTIONS as f64).sin_cos();
+        let goes_on = |direction: &usize| {
+            let (sin, cos) = (TAU * *direction as f64 / Self::DIRECTIONS as f64).sin_cos();
             let there = surface.matching(&(place + (u * cos + v * sin) * reach), facing, gate);
             there.is_some_and(|met| {
                 let above = surface.samples.points[met as usize] - place;
                 above.dot(facing).abs() < level
             })
-        })
+        };
+        (0..Self::DIRECTIONS).filter(goes_on).count()
     }
 }
 
