@@ -16,16 +16,16 @@ use crate::symmetry::surface::{Gate, Samples, Surface};
 /// with those of other points beside them.
 pub(crate) fn walls(surface: &Surface, axis: &Axis, count: usize) -> Samples {
     /// Directions in which a wall goes on, at least. Alone, points have such normals by noise.
-    const DIRECTIONS: usize = 3;
+    const ENOUGH: usize = 3;
     const BESIDE: Beside = Beside { reach: 1.5, cosine: 0.85, level: 0.7 };
-    let Samples { points, normals } = &surface.samples;
-    let aside: Vec<usize> =
-        (0..points.len()).filter(|&i| axis.around(&points[i], &normals[i]).abs() > ASIDE).collect();
-    let taken = count.min(aside.len());
-    let chosen = (0..taken).map(|i| aside[i * aside.len() / taken]);
-    let walls = chosen.map(|i| (points[i], normals[i]));
-    let (points, normals) =
-        walls.filter(|(point, normal)| BESIDE.directions(surface, point, normal) >= DIRECTIONS).unzip();
+    let aside = chosen(&surface.samples, |point, normal| axis.around(point, normal).abs() > ASIDE);
+    chosen(&aside.strided(count), |point, normal| BESIDE.directions(surface, point, normal) >= ENOUGH)
+}
+
+/// Those of some points that are chosen by their place and their normal.
+fn chosen(samples: &Samples, is_chosen: impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool) -> Samples {
+    let all = samples.points.iter().zip(&samples.normals);
+    let (points, normals) = all.filter(|(point, normal)| is_chosen(point, normal)).unzip();
     Samples { points, normals }
 }
 
