@@ -57,7 +57,8 @@ pub(crate) fn contradicting_details(
     /// Points that are asked, and for how many rotations of them at least.
     const ASKED: usize = 5000;
     const ROTATED: usize = 30_000;
-    const LIMITS: Limits = Limits { contradicted: (0.006, 8.0), left: 0.25, expected: 12.0, support: 0.0 };
+    const LIMITS: Limits =
+        Limits { contradicted: (0.006, 8.0), left: 0.25, expected: 12.0, beside: 0.0, support: 0.0 };
     let turning = narrow(turning, Witness::Cameras);
     let surface = &turning.surface.samples;
     let turns = turns_of(order, &turning);
@@ -84,7 +85,8 @@ pub(crate) fn contradicting_walls(
     const ROTATED: usize = 200_000;
     // What is flat seldom contradicts a wall by chance, and of a discrete group there are few parts.
     let expected = if order == Order::Continuous { 12.0 } else { 8.0 };
-    let limits = Limits { contradicted: (0.03, 3.0), left: 0.1, expected, support: params.support };
+    let limits =
+        Limits { contradicted: (0.03, 3.0), left: 0.1, expected, beside: 0.5, support: params.support };
     let turning = narrow(turning, Witness::Flats);
     let turns = turns_of(order, &turning);
     let walls = walls(turning.surface, turning.axis, ASKED.max(ROTATED / turns.len()));
@@ -115,6 +117,9 @@ struct Limits {
     left: f64,
     /// Evidence against the part that there would be if it held no better than the group, at least.
     expected: f64,
+    /// Share of the evidence against the group that must speak against one order more and one less than the part, of a surface of
+    /// revolution: where few teeth are in sight, either fits about as well.
+    beside: f64,
     /// [`OrderEvidence::support`](crate::symmetry::sweep::OrderEvidence::support) of the part, at least.
     support: f64,
 }
@@ -177,7 +182,13 @@ fn what_they_tell(
     if share * against.total() < limits.expected {
         return Ok(None);
     }
-    let of_order = part_that_holds(&sweep, &everything, &parts, share, limits).map(|part| {
+    let is_alone = |part: u32| {
+        let against = |order: u32| sweep.order(order, &everything).sum.share_against();
+        order != Order::Continuous
+            || [part - 1, part + 1].iter().all(|&beside| against(beside) >= limits.beside * share)
+    };
+    let part = part_that_holds(&sweep, &everything, &parts, share, limits).filter(|&part| is_alone(part));
+    let of_order = part.map(|part| {
         let expected = share * sweep.order(part, &everything).sum.total();
         // Of a discrete group there are few parts.
         let faint = order == Order::Continuous && expected < BY_CHANCE;
@@ -228,7 +239,8 @@ mod tests {
             up_to(6).into_iter().filter(|other| *other != fraction).collect()
         };
         // A share of 0.1 of `samples` contradictions would be expected.
-        let limits = Limits { contradicted: (0.0, 0.0), left: 0.25, expected: 12.0, support: 0.2 };
+        let limits =
+            Limits { contradicted: (0.0, 0.0), left: 0.25, expected: 12.0, beside: 0.0, support: 0.2 };
         let holding = |fraction, samples: usize| {
             part_that_holds(&sweep(6, &all_but(fraction)), &vec![0; samples], &[2, 3], 0.1, &limits)
         };
