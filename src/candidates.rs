@@ -292,8 +292,8 @@ impl Estimator {
         Ok(detection)
     }
 
-    /// The order of a surface with small details, being `rest` without them: teeth, where it seems round, what its rings show, and where
-    /// these show no order, its walls.
+    /// The order of a surface with small details, being `rest` without them: teeth, where it seems round, what its rings show, and
+    /// where these show no order, its walls.
     fn with_details(
         &self,
         turning: &Turning<'_>,

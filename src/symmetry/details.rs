@@ -98,6 +98,7 @@ pub(crate) fn contradicting_walls(
     Ok(told.and_then(|told| told.of_order))
 }
 
+/// The same turning with another `witness`, and matches nearer than elsewhere.
 fn narrow<'a>(turning: &Turning<'a>, witness: Witness) -> Turning<'a> {
     let gate = Gate { distance: NARROW * turning.gate.distance, ..turning.gate };
     Turning { gate, witness, ..*turning }
