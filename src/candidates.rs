@@ -357,13 +357,18 @@ impl Estimator {
 
     /// Errors of the axis found that many residuals have in common.
     pub(crate) fn common_errors(&self, prepared: &Prepared, axis: &Axis, order: Order) -> CommonErrors {
-        let Some(errors) = &prepared.view_errors else {
-            return CommonErrors { inflation: INFLATION, of_views: Matrix4::zeros() };
-        };
+        let surface = &prepared.surface;
         let Config { residual, refine: params, .. } = self.config();
         let turns = Turns::half(order, params.max_turns);
-        let of_views = errors.covariance_of_axis(&prepared.surface, axis, &turns, *residual, params);
-        CommonErrors { inflation: errors.inflation(), of_views }
+        let of_noise = CommonErrors { inflation: INFLATION, of_views: Matrix4::zeros() };
+        let common = prepared.view_errors.as_ref().map_or(of_noise, |errors| CommonErrors {
+            inflation: errors.inflation(),
+            of_views: errors.covariance_of_axis(surface, axis, &turns, *residual, params),
+        });
+        match &prepared.toward_sensors {
+            Some(toward_sensors) => common.seen_from(toward_sensors, axis, surface.spacing),
+            None => common,
+        }
     }
 
     /// What a match may differ in where an axis is judged.

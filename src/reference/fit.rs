@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::result::FreeDirection;
 use crate::symmetry::covariance::INFLATION;
 use crate::symmetry::robust::{HUBER_WIDTH, Huber, robust_sigma};
+use crate::symmetry::sandwich::PATCHES;
 use crate::symmetry::surface::{Gate, Samples};
 use crate::symmetry::view_errors::{ViewErrors, rigid_row};
 
@@ -19,6 +20,9 @@ pub(super) const MIN_COSINE: f64 = 0.8;
 
 /// Eigenvalue of the scaled information, against the largest, below which a direction is free.
 const RANK_TOLERANCE: f64 = 1e-9;
+
+/// By what the variance is larger than that of the scan alone: the reference was measured as well.
+const BOTH_MEASURED: f64 = 2.0;
 
 /// A scan laid on the surface.
 #[derive(Debug, Clone)]
@@ -76,7 +80,7 @@ impl Fit {
             hessian: Matrix6::zeros(),
             scatter: Matrix6::zeros(),
             scatter_of_views: Matrix6::zeros(),
-            inflation: INFLATION,
+            inflation: BOTH_MEASURED * INFLATION,
         };
         for &gate in gates {
             for _ in 0..ROUNDS {
@@ -98,7 +102,6 @@ impl Fit {
 
     /// Matches the scan anew; sums the normal equations and returns J'Wr.
     fn linearize(&mut self, surface: &SidedSurface, samples: &Samples, gate: f64) -> Vector6<f64> {
-        const PATCHES: usize = 256;
         let pose = self.object_from_scan;
         let matches: Vec<Option<Match>> = samples
             .points
@@ -130,6 +133,14 @@ impl Fit {
         sum
     }
 
+    /// Finds what noise does to J'Wr, by the points of the scan as they were `measured`: refined ones have it in common with their
+    /// copies about the axis, which many patches hold.
+    pub(super) fn consider_noise(&mut self, surface: &SidedSurface, measured: &Samples, gate: f64) {
+        let sigma = self.sigma;
+        self.linearize(surface, measured, gate);
+        self.sigma = sigma;
+    }
+
     /// Finds what errors in the places of the views do to J'Wr; they turn about the `centroid` of the scan.
     pub(super) fn consider_views(
         &mut self,
@@ -157,7 +168,7 @@ impl Fit {
             }
         }
         self.scatter_of_views = spread.scatter(&responses, surface.radius);
-        self.inflation = errors.inflation();
+        self.inflation = BOTH_MEASURED * errors.inflation();
     }
 
     /// The 6x6 covariance in the object frame and its free directions, as those of an estimate.

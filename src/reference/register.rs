@@ -153,6 +153,7 @@ impl Reference {
         let sides = self.sides(scan.outward);
         let gates = [GATE * self.cell()];
         let mut fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
+        fit.consider_noise(sides, &scan.surface.samples, gates[0]);
         if let Some(errors) = scan.view_errors {
             fit.consider_views(sides, scan.samples, gates[0], errors, &scan.surface.centroid);
         }

@@ -1,8 +1,9 @@
 //! Uncertainty of the pose in the object frame, with the motions that the data does not fix.
 
-use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen};
+use nalgebra::{Matrix4, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
 use crate::result::FreeDirection;
+use crate::symmetry::axis::Axis;
 use crate::symmetry::sandwich::Sandwich;
 
 /// What is known of the frame beside the axis itself.
@@ -14,22 +15,34 @@ pub(crate) struct AlongAxis {
     pub yaw: f64,
 }
 
-/// What errors common to many patches add to the variance; from the coverage on synthetic scans.
+/// What errors common to many patches add to the variance where views were not compared; from the coverage on synthetic scans.
 pub(crate) const INFLATION: f64 = 2.0;
 
-/// The same beside errors of the views that were measured, which are a part of them.
-pub(crate) const INFLATION_BESIDE_VIEWS: f64 = 1.5;
+/// By how much the axis may be shifted along the direction of sensors that all stand aside in the same one [point spacings].
+/// Edges that face them have rounded normals, of others only one face is in sight; from the coverage on synthetic scans.
+const ONE_SIDED: f64 = 0.04;
 
 /// Errors of the axis that many residuals have in common.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CommonErrors {
     /// By what the covariance is larger than noise alone would make it.
     pub inflation: f64,
-    /// What errors in the places of the views add to it: patches of the surface are too small to show them.
+    /// What is added to it: errors in the places of the views, and of what one side alone shows. Patches of the surface are too
+    /// small to show them.
     pub of_views: Matrix4<f64>,
 }
 
 impl CommonErrors {
+    /// With what it adds that the sensors stand to one side: `toward_sensors` is the mean unit direction to them, `spacing` the
+    /// distance between points \[length\].
+    pub(crate) fn seen_from(mut self, toward_sensors: &Vector3<f64>, axis: &Axis, spacing: f64) -> Self {
+        let aside = Vector2::from(axis.tangents().map(|tangent| tangent.dot(toward_sensors)));
+        let shift = aside * (aside.norm() * ONE_SIDED * spacing);
+        let mut shifts = self.of_views.fixed_view_mut::<2, 2>(2, 2);
+        shifts += shift * shift.transpose();
+        self
+    }
+
     /// By how much errors of the views tilt the axis in any one direction \[rad\].
     pub(crate) fn tilt_by_views(&self) -> f64 {
         (0.5 * (self.of_views[(0, 0)] + self.of_views[(1, 1)])).sqrt()
@@ -158,4 +171,31 @@ fn frame_from_axis(heading: f64, height: f64) -> SMatrix<f64, 6, 4> {
         embed[(moved, column)] += sign * height * value;
     }
     embed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_to_one_side_leave_a_shift_toward_them_uncertain() {
+        let spacing = 0.1;
+        let variances = |toward: Vector3<f64>, axis: &Axis| {
+            let none = CommonErrors { inflation: 1.0, of_views: Matrix4::zeros() };
+            let of_views = none.seen_from(&toward, axis, spacing).of_views;
+            assert_eq!(of_views.fixed_view::<2, 4>(0, 0).amax(), 0.0);
+            let along = |direction: Vector3<f64>| {
+                let shift = Vector2::from(axis.tangents().map(|tangent| tangent.dot(&direction)));
+                shift.dot(&(of_views.fixed_view::<2, 2>(2, 2) * shift))
+            };
+            [along(Vector3::x()), along(Vector3::y())]
+        };
+        let axis = Axis { point: Vector3::zeros(), direction: Vector3::z_axis() };
+        assert_eq!(variances(Vector3::z(), &axis), [0.0, 0.0]);
+        let [along, across] = variances(Vector3::new(0.8, 0.0, 0.6), &axis);
+        assert!((along.sqrt() - 0.8 * 0.8 * ONE_SIDED * spacing).abs() < 1e-12 && across < 1e-12);
+        // Sensors all round.
+        let [along, _] = variances(Vector3::new(0.2, 0.0, 0.1), &axis);
+        assert!(along.sqrt() < 0.05 * ONE_SIDED * spacing);
+    }
 }

@@ -30,7 +30,7 @@ impl Sandwich {
 }
 
 /// Patches of the surface. They must be wider than the neighbourhoods that share their noise, which large noise makes wide.
-pub(super) const PATCHES: usize = 64;
+pub(crate) const PATCHES: usize = 64;
 
 /// What one patch of the surface adds to a [`Sandwich`].
 #[derive(Default)]

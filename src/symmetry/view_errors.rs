@@ -7,7 +7,7 @@ use crate::config::Residual;
 use crate::median::robust_sigma;
 use crate::symmetry::alignment::{SelfAlignment, Unknowns};
 use crate::symmetry::axis::Axis;
-use crate::symmetry::covariance::{INFLATION, INFLATION_BESIDE_VIEWS};
+use crate::symmetry::covariance::INFLATION;
 use crate::symmetry::order::Turns;
 use crate::symmetry::refine::{Aligner, RefineParams};
 use crate::symmetry::surface::{Samples, Surface};
@@ -74,10 +74,10 @@ impl ViewErrors {
         Self { views, spread, shares }
     }
 
-    /// By what the covariance is larger than noise alone would make it.
+    /// By what the covariance is larger than noise alone would make it, beside errors of the views that were measured.
     #[must_use]
     pub fn inflation(&self) -> f64 {
-        if self.spread.is_some() { INFLATION_BESIDE_VIEWS } else { INFLATION }
+        if self.spread.is_some() { 1.0 } else { INFLATION }
     }
 
     /// What these errors add to the covariance of `axis`, by tilt about both tangents \[rad\] and shift along both \[length\],

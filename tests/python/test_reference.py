@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 pytest.importorskip("trimesh")
 pytest.importorskip("manifold3d")
@@ -75,6 +76,22 @@ def test_the_taught_frame_is_found_again(name: str, views: int, seed: int) -> No
     else:
         assert found.unobservable == ()
         assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+
+@pytest.mark.parametrize("views", [5, 1])
+def test_the_taught_frame_is_as_uncertain_as_stated(views: int) -> None:
+    # A copy of a point about the axis, or its neighbour, has the same error.
+    names = ("propeller_4", "impeller_5", "impeller_7", "wheel_hub_10", "flange_8", "gear_12")
+    inside = 0
+    for name in names:
+        one = scanned(name, views, 1062)
+        found = estimated(one, reference=taught(name)[0])
+        turns = [about_z(2.0 * np.pi * k / found.order) for k in range(found.order)]
+        apart = [np.linalg.inv(found.pose) @ one.world_from_object @ taught(name)[1] @ turn for turn in turns]
+        nearest = max(apart, key=np.trace)
+        error = np.r_[Rotation.from_matrix(nearest[:3, :3]).as_rotvec(), nearest[:3, 3]]
+        inside += bool(error @ np.linalg.solve(found.covariance, error) < chi2.ppf(0.95, 6))
+    assert inside >= 5
 
 
 @pytest.mark.parametrize("name", PARTS)
