@@ -360,10 +360,10 @@ impl Estimator {
         let surface = &prepared.surface;
         let Config { residual, refine: params, .. } = self.config();
         let turns = Turns::half(order, params.max_turns);
-        let of_noise = CommonErrors { inflation: INFLATION, of_views: Matrix4::zeros() };
+        let of_noise = CommonErrors { inflation: INFLATION, added: Matrix4::zeros() };
         let common = prepared.view_errors.as_ref().map_or(of_noise, |errors| CommonErrors {
             inflation: errors.inflation(),
-            of_views: errors.covariance_of_axis(surface, axis, &turns, *residual, params),
+            added: errors.covariance_of_axis(surface, axis, &turns, *residual, params),
         });
         match &prepared.toward_sensors {
             Some(toward_sensors) => common.seen_from(toward_sensors, axis, surface.spacing),

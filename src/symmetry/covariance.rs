@@ -18,8 +18,8 @@ pub(crate) struct AlongAxis {
 /// What errors common to many patches add to the variance where views were not compared; from the coverage on synthetic scans.
 pub(crate) const INFLATION: f64 = 2.0;
 
-/// By how much the axis may be shifted along the direction of sensors that all stand aside in the same one [point spacings].
-/// Edges that face them have rounded normals, of others only one face is in sight; from the coverage on synthetic scans.
+/// By how much the axis may be off along the direction in which all sensors stand aside [point spacings]; from the errors of
+/// synthetic scans. About half of that goes where points at the rim of what they saw are left out.
 const ONE_SIDED: f64 = 0.04;
 
 /// Errors of the axis that many residuals have in common.
@@ -27,25 +27,25 @@ const ONE_SIDED: f64 = 0.04;
 pub(crate) struct CommonErrors {
     /// By what the covariance is larger than noise alone would make it.
     pub inflation: f64,
-    /// What is added to it: errors in the places of the views, and of what one side alone shows. Patches of the surface are too
-    /// small to show them.
-    pub of_views: Matrix4<f64>,
+    /// What is added to it, as patches of the surface are too small to show it: errors in the places of the views, and what comes
+    /// of seeing one side alone.
+    pub added: Matrix4<f64>,
 }
 
 impl CommonErrors {
-    /// With what it adds that the sensors stand to one side: `toward_sensors` is the mean unit direction to them, `spacing` the
-    /// distance between points \[length\].
+    /// The same with what comes of seeing one side alone: `toward_sensors` is the mean unit direction from the part to the
+    /// sensors, short where they stand all round, and `spacing` the distance between points \[length\].
     pub(crate) fn seen_from(mut self, toward_sensors: &Vector3<f64>, axis: &Axis, spacing: f64) -> Self {
         let aside = Vector2::from(axis.tangents().map(|tangent| tangent.dot(toward_sensors)));
         let shift = aside * (aside.norm() * ONE_SIDED * spacing);
-        let mut shifts = self.of_views.fixed_view_mut::<2, 2>(2, 2);
+        let mut shifts = self.added.fixed_view_mut::<2, 2>(2, 2);
         shifts += shift * shift.transpose();
         self
     }
 
     /// By how much errors of the views tilt the axis in any one direction \[rad\].
     pub(crate) fn tilt_by_views(&self) -> f64 {
-        (0.5 * (self.of_views[(0, 0)] + self.of_views[(1, 1)])).sqrt()
+        (0.5 * (self.added[(0, 0)] + self.added[(1, 1)])).sqrt()
     }
 }
 
@@ -92,9 +92,9 @@ pub(crate) fn pose_covariance(
     along: AlongAxis,
 ) -> ([[f64; 6]; 6], Vec<FreeDirection>) {
     let (of_noise, mut free) = axis_covariance(sandwich, pace, radius);
-    // Where a direction is free, errors of the views along it would spoil the others.
-    let of_views = if free.is_empty() { common.of_views } else { Matrix4::zeros() };
-    let of_axis = common.inflation * of_noise + of_views;
+    // Where a direction is free, such errors along it would spoil the others.
+    let added = if free.is_empty() { common.added } else { Matrix4::zeros() };
+    let of_axis = common.inflation * of_noise + added;
     let embed = frame_from_axis(heading, height);
     let mut covariance = embed * of_axis * embed.transpose();
     covariance[(2, 2)] = along.yaw * along.yaw;
@@ -181,12 +181,12 @@ mod tests {
     fn sensors_to_one_side_leave_a_shift_toward_them_uncertain() {
         let spacing = 0.1;
         let variances = |toward: Vector3<f64>, axis: &Axis| {
-            let none = CommonErrors { inflation: 1.0, of_views: Matrix4::zeros() };
-            let of_views = none.seen_from(&toward, axis, spacing).of_views;
-            assert_eq!(of_views.fixed_view::<2, 4>(0, 0).amax(), 0.0);
+            let none = CommonErrors { inflation: 1.0, added: Matrix4::zeros() };
+            let added = none.seen_from(&toward, axis, spacing).added;
+            assert_eq!(added.fixed_view::<2, 4>(0, 0).amax(), 0.0);
             let along = |direction: Vector3<f64>| {
                 let shift = Vector2::from(axis.tangents().map(|tangent| tangent.dot(&direction)));
-                shift.dot(&(of_views.fixed_view::<2, 2>(2, 2) * shift))
+                shift.dot(&(added.fixed_view::<2, 2>(2, 2) * shift))
             };
             [along(Vector3::x()), along(Vector3::y())]
         };
