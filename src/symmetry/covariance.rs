@@ -19,7 +19,7 @@ pub(crate) struct AlongAxis {
 pub(crate) const INFLATION: f64 = 2.0;
 
 /// By how much the axis may be off along the direction in which all sensors stand aside [point spacings]; from the errors of
-/// synthetic scans. About half of that goes where points at the rim of what they saw are left out.
+/// synthetic scans. About half of that goes where points at the rim of what they saw weigh less.
 const ONE_SIDED: f64 = 0.04;
 
 /// Errors of the axis that many residuals have in common.
