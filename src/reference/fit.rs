@@ -133,12 +133,12 @@ impl Fit {
         sum
     }
 
-    /// Finds what noise does to J'Wr, by the points of the scan as they were `measured`: refined ones have it in common with their
+    /// The same pose, judged by the points of the scan as they were `measured`: refined ones have their noise in common with their
     /// copies about the axis, which many patches hold.
-    pub(super) fn consider_noise(&mut self, surface: &SidedSurface, measured: &Samples, gate: f64) {
-        let sigma = self.sigma;
-        self.linearize(surface, measured, gate);
-        self.sigma = sigma;
+    pub(super) fn judged_by(&self, surface: &SidedSurface, measured: &Samples, gate: f64) -> Self {
+        let mut fit = self.clone();
+        fit.linearize(surface, measured, gate);
+        fit
     }
 
     /// Finds what errors in the places of the views do to J'Wr; they turn about the `centroid` of the scan.

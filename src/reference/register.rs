@@ -151,17 +151,18 @@ impl Reference {
         let (near, mut freedom) = chosen.unwrap_or((scan.scan_from_object, Freedom::default()));
 
         let sides = self.sides(scan.outward);
-        let gates = [GATE * self.cell()];
-        let mut fit = Fit::new(sides, scan.samples, near.inverse(), &gates, revolves, control)?;
-        fit.consider_noise(sides, &scan.surface.samples, gates[0]);
+        let gate = GATE * self.cell();
+        let fit = Fit::new(sides, scan.samples, near.inverse(), &[gate], revolves, control)?;
+        let measured = &scan.surface.samples;
+        let mut known = fit.judged_by(sides, measured, gate);
         if let Some(errors) = scan.view_errors {
-            fit.consider_views(sides, scan.samples, gates[0], errors, &scan.surface.centroid);
+            known.consider_views(sides, measured, gate, errors, &scan.surface.centroid);
         }
         let overlap = overlap(sides, &judged, &fit.object_from_scan, self.cell());
         let agreement = self.agreement(scan, &fit.object_from_scan);
         let warnings = warnings(overlap, freedom);
         freedom.turns |= revolves;
-        let (covariance, unobservable) = fit.covariance(0.5 * self.diameter, freedom);
+        let (covariance, unobservable) = known.covariance(0.5 * self.diameter, freedom);
         Ok(Registered {
             scan_from_object: fit.object_from_scan.inverse(),
             covariance,
