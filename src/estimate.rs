@@ -15,7 +15,7 @@ use crate::frames::{check_pose, height_over, place, plane_in_world};
 use crate::locate::Aligned;
 use crate::prepare::Prepared;
 use crate::reference::{ORIENTED, PartScan, Reference};
-use crate::remarks::{misplaced_views, odd_sensors};
+use crate::remarks::{misplaced_views, odd_sensors, wrong_viewpoints};
 pub use crate::result::{Candidate, Diagnostic, Estimate, FreeDirection};
 use crate::stages::Stages;
 use crate::symmetry::axis::Axis;
@@ -296,7 +296,8 @@ impl Estimator {
         });
         let no_ground = self.config.ground == GroundMode::On && prepared.ground.is_none();
         let no_ground = no_ground.then(|| NO_GROUND.to_owned());
-        let views = odd_sensors(prepared).into_iter().chain(misplaced_views(prepared));
+        let off = wrong_viewpoints(prepared).or_else(|| misplaced_views(prepared));
+        let views = odd_sensors(prepared).into_iter().chain(off);
         far.into_iter().chain(coinciding).chain(no_ground).chain(views).collect()
     }
 

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use crate::error::{Error, Evidence};
 use crate::estimate::Estimator;
 use crate::prepare::Prepared;
-use crate::remarks::{PIECE_APART, lost_returns, odd_sensors};
+use crate::remarks::{PIECE_APART, missing_returns, odd_sensors, wrong_viewpoints};
 use crate::symmetry::axis::Axis;
 
 /// What is said first.
@@ -46,8 +46,8 @@ impl Estimator {
             advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
         }
         advice.extend(odd_sensors(prepared).map(|odd| format!("; {odd}")));
-        let lost = prepared.visibility.as_ref().and_then(|visibility| lost_returns(visibility.dropout));
-        advice.extend(lost.map(|lost| format!("; {lost}")));
+        let seen = wrong_viewpoints(prepared).or_else(|| missing_returns(prepared));
+        advice.extend(seen.map(|seen| format!("; {seen}")));
         let evidence = match best {
             Some(Refusal { axis, explained, score, is_denied }) => Evidence {
                 axis: (prepared.world_from_local * axis.direction.into_inner()).into(),

@@ -9,6 +9,7 @@ use crate::symmetry::closeness::CloserPart;
 use crate::symmetry::details::Details;
 use crate::symmetry::detect::{DetectParams, Detection};
 use crate::symmetry::order::Order;
+use crate::symmetry::overlap::Conflict;
 use crate::symmetry::score::MatchScore;
 use crate::symmetry::search::Found;
 use crate::symmetry::surface::Surface;
@@ -60,7 +61,7 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if is_open {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
-        warnings.extend(visibility.and_then(|v| lost_returns(v.dropout)));
+        warnings.extend(missing_returns(prepared).filter(|_| wrong_viewpoints(prepared).is_none()));
         warnings.extend(unseen_half.filter(|half| !half.is_ambiguous()).map(|half| half.remark()));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(details(detection).filter(|_| answer.too_fine().is_none()));
@@ -275,9 +276,10 @@ pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<St
 }
 
 /// Says so when the sensor loses so much that gaps in the part are hard to tell from gaps in the scan.
-pub(crate) fn lost_returns(dropout: f64) -> Option<String> {
+pub(crate) fn missing_returns(prepared: &Prepared) -> Option<String> {
     /// Returns lost for each that comes.
     const MANY: f64 = 0.05;
+    let dropout = prepared.visibility.as_ref()?.dropout;
     (dropout > MANY).then(|| {
         let percent = 100.0 * dropout / (1.0 + dropout);
         let about = if dropout < 1.0 { "about" } else { "at least" };
@@ -337,6 +339,24 @@ pub(crate) fn odd_sensors(prepared: &Prepared) -> Option<String> {
     Some(format!(
         "a viewpoint lies {what}, {distance:.1} diameters from its middle: check the unit and the frame of the viewpoints"
     ))
+}
+
+/// Says so when sensors cannot have measured the points from where they are said to have stood.
+pub(crate) fn wrong_viewpoints(prepared: &Prepared) -> Option<String> {
+    /// Share of what views saw that others may have looked through: up to 0.04 at five sigma on a table.
+    const THROUGH: f64 = 0.15;
+    /// Share of what a view saw that may lie behind other points of it: up to 0.14 from the side.
+    const BEHIND: f64 = 0.15;
+    let Conflict { looked_through, behind_others } = prepared.visibility.as_ref()?.conflict;
+    (looked_through > THROUGH || behind_others > BEHIND).then(|| {
+        format!(
+            "the viewpoints do not fit the points: seen from there, {:.0} % of the part lies behind other points of the same view, and \
+             another view looked through {:.0} % of what it should have seen; check that each is where the sensor of its point stood, \
+             in the frame of the points (of a world-to-camera pose that is -R^T t, not t)",
+            100.0 * behind_others,
+            100.0 * looked_through
+        )
+    })
 }
 
 /// Says what was left out of account where an order was found in the only view as if that had lost returns in patches.

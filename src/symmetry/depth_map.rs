@@ -282,6 +282,22 @@ impl DepthMap {
         self.index(point).map(|index| self.cells[index])
     }
 
+    /// Whether most returns in the cell of a point and in those around are nearer than a `distance` \[length\]: something hides the
+    /// point, and not just a stray.
+    pub(crate) fn hides(&self, point: &Vector3<f64>, distance: f64) -> bool {
+        let Some(index) = self.index(point) else { return false };
+        let [width, height] = self.grid.size;
+        let around = |place: usize, size: usize| place.saturating_sub(1)..(place + 2).min(size);
+        let (mut nearer, mut all) = (0, 0);
+        for row in around(index / width, height) {
+            for cell in &self.cells[row * width..][around(index % width, width)] {
+                all += usize::from(cell.own.is_finite());
+                nearer += usize::from(f64::from(cell.own) < distance);
+            }
+        }
+        2 * nearer > all
+    }
+
     /// Width of the narrowest gap at the distance of a place of which a cell says that nothing came back from it and from those
     /// around \[length\].
     pub(crate) fn narrowest_gap(&self, place: &Vector3<f64>) -> f64 {

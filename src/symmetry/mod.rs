@@ -75,6 +75,7 @@ pub(crate) mod mirror;
 mod misfit;
 pub mod order;
 pub(crate) mod orient;
+pub(crate) mod overlap;
 pub(crate) mod pace;
 pub(crate) mod peaks;
 pub(crate) mod pieces;

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use crate::picture::Picture;
 pub use crate::symmetry::depth_map::Seen;
 use crate::symmetry::depth_map::{DepthMap, PointsPerCell, Surroundings};
+use crate::symmetry::overlap::{Conflict, Measured, is_grazed, loss_ratio};
 use crate::viewpoints::NEAR;
 
 /// Views beyond this number add little evidence and cost time, unless they are strips; the ones with most points are kept.
@@ -35,12 +36,6 @@ const EDGES: f64 = 0.04;
 /// Views in which a return is missing where many are lost, so that there likely is nothing.
 const AGREEING: usize = 2;
 
-/// Returns in other views that tell what is missing, at least [points of the part].
-const OVERLAP: f64 = 0.3;
-
-/// Distance of views that are strips of one, at most [distance to the part].
-const STRIPS: f64 = 0.1;
-
 /// Cosine between the normal of a surface and the direction to a camera below which it is seen at a grazing angle: it
 /// leaves few returns there, far from each other, which pass for strays or are lost.
 const GRAZING: f64 = 0.26;
@@ -65,6 +60,8 @@ pub struct Visibility {
     /// Returns that are missing for each that came, where one view measured a surface that another one should have
     /// seen: 0 for a sensor that loses none, 1 where as many are missing, or more.
     pub dropout: f64,
+    /// What speaks against the places of the sensors.
+    pub(crate) conflict: Conflict,
     /// Whether a gap of a few points shows: not where returns are lost.
     pub shows_details: bool,
     /// Cosine between the normal of a surface and the direction to a camera below which a missing return says nothing.
@@ -123,6 +120,7 @@ impl Visibility {
         }
         let grazing = grazing(&part);
         let is_lossy = loss_ratio(&views, &part, grazing) >= NO_LOSS;
+        let conflict = Conflict::of(&views, &part);
         let mut dropout = 0.0;
         if is_lossy {
             views = maps(LOSSY_POINTS_PER_CELL);
@@ -139,6 +137,7 @@ impl Visibility {
             views,
             support: None,
             dropout,
+            conflict,
             shows_details: !is_lossy,
             grazing,
             is_patchy: false,
@@ -217,26 +216,9 @@ impl Visibility {
     }
 }
 
-/// A point of the part.
-struct Measured {
-    point: Vector3<f64>,
-    normal: Vector3<f64>,
-    /// That it was seen from.
-    place: Vector3<f64>,
-}
-
-/// Whether the cosine between a unit normal and the direction `toward` a camera is below that of a `grazing` angle.
-fn is_grazed(normal: &Vector3<f64>, toward: &Vector3<f64>, grazing: f64) -> bool {
-    normal.dot(toward).powi(2) < grazing * grazing * toward.norm_squared()
-}
-
 /// The cosine below which hardly anything was measured of the part.
 fn grazing(part: &[Measured]) -> f64 {
-    let cosine = |seen: &Measured| {
-        let toward = seen.place - seen.point;
-        seen.normal.dot(&toward).abs() / toward.norm().max(f64::MIN_POSITIVE)
-    };
-    let mut cosines: Vec<f64> = part.iter().map(cosine).collect();
+    let mut cosines: Vec<f64> = part.iter().map(Measured::cosine).collect();
     if cosines.is_empty() {
         return GRAZING;
     }
@@ -246,32 +228,6 @@ fn grazing(part: &[Measured]) -> f64 {
     };
     let (least, low) = (lowest(GRAZED), lowest(0.1));
     if least <= STEEPEST && low - least <= SHARP { least.max(GRAZING) } else { GRAZING }
-}
-
-/// Returns that are missing for each that came, over some of the points of the part and all views that did not measure them.
-///
-/// Views from nearly the same place are strips of one: what is missing in one of them is in the next.
-fn loss_ratio(views: &[DepthMap], part: &[Measured], grazing: f64) -> f64 {
-    let (mut missing, mut came) = (0.0, 0.0);
-    for (Measured { point, normal, place }, view) in
-        part.iter().flat_map(|p| views.iter().map(move |v| (p, v)))
-    {
-        let range = (point - view.center).norm();
-        if (view.center - place).norm() < STRIPS * range {
-            continue;
-        }
-        let margin = 3.0 * range / view.grid.cells_per_slope;
-        match view.at(point) {
-            Some(cell) if cell.nearest.is_infinite() => {
-                missing += f64::from(u8::from(!is_grazed(normal, &(view.center - point), grazing)));
-            }
-            Some(cell) if (f64::from(cell.own) - range).abs() < margin => came += 1.0,
-            _ => {}
-        }
-    }
-    // Where views hardly overlap, what is missing lies at their edges.
-    let others = f64::max(came, OVERLAP * part.len() as f64);
-    if missing > 0.0 { missing / f64::max(others, missing) } else { 0.0 }
 }
 
 /// The pictures that were taken from the place of a view, the nearest one first.
