@@ -86,6 +86,27 @@ fn a_wall_behind_the_table_goes_with_it() {
 }
 
 #[test]
+fn a_table_is_found_among_strays() {
+    let mut random = Random(7);
+    let mut points = drum(&mut random);
+    points.extend(table(&mut random));
+    let scanned = points.len();
+    for _ in 0..scanned / 10 {
+        points.push([random.uniform(-1.6, 1.6), random.uniform(-0.7, 1.3), random.uniform(-0.8, 0.8)]);
+    }
+    for eye in [Some(EYE), None] {
+        let ground = found(&points, eye, GroundMode::Auto).unwrap();
+        let [x, y, z, d] = ground.plane;
+        assert!(z > 0.9999 && x.hypot(y) < 0.003 && d.abs() < 0.002, "{:?}", ground.plane);
+        let strays = ground.kept.iter().filter(|&&i| i as usize >= scanned).count();
+        assert!(20 * strays < points.len() - scanned, "{strays}");
+        let higher = points[..6000].iter().filter(|p| p[2] > 5.0 * NOISE).count();
+        let kept = ground.kept.iter().filter(|&&i| i < 6000).count();
+        assert!(100 * kept > 99 * higher, "{kept} of {higher}");
+    }
+}
+
+#[test]
 fn flat_faces_of_a_part_stay() {
     let mut random = Random(3);
     // A drum alone; a thin flange with a boss, seen from above and where nobody knows from where.

@@ -53,7 +53,8 @@ pub struct Ground {
     pub plane: [f64; 4],
     /// Half width of the band about it that was removed \[length\].
     pub band: f64,
-    /// Points that remain as candidates for the part, ascending: those over the plane.
+    /// Points that remain as candidates for the part, ascending: those over the plane, but for strays, where most of what is below it
+    /// are such.
     pub kept: Vec<u32>,
     /// Number of points removed.
     pub removed: usize,
@@ -71,7 +72,7 @@ const LOOKED_AT: usize = 20_000;
 /// A support is seen from above only, has nothing below it (but its own sides, with [`GroundMode::On`]), is filled nearly to its
 /// outline, reaches beyond what stands on it, and its outline has nothing to do with the symmetry of the part: it is cut off by
 /// the picture or an edge. Where it is known from where it was seen, a plane far behind all the rest that is so, too, is a
-/// backdrop, and removed like a support.
+/// backdrop, and removed like a support. Strays below it, which have fewer points about them than a surface has, do not count.
 ///
 /// `viewpoint_of` gives for a point the position it was seen from, where known; `seed` is that of the samples.
 ///

@@ -15,6 +15,7 @@
 mod block;
 mod cells;
 mod cluster;
+mod company;
 mod disjoint_sets;
 mod eigen;
 mod fields;

@@ -1,12 +1,14 @@
 //! Whether a plane is one that a part stands on, or one of its own faces.
 
 use std::cmp::Ordering;
+use std::ops::Range;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::CHUNK;
 use super::cluster::{ClusterParams, main_cluster};
+use super::company::Company;
 use super::fields::Fields;
 use super::flatness::unevenness;
 use super::ground::{Ground, GroundParams, extent};
@@ -46,6 +48,9 @@ const MARGIN: f64 = 0.03;
 /// Share of what is above a plane, in that margin, that must stand on it; the rest may lean over its edge.
 const MOSTLY: f64 = 0.8;
 
+/// Share of what is near a plane that is above it where what is below, or most of it, may be strays.
+const SPOILT: Range<f64> = 0.7..0.999;
+
 /// Height at which what stands on a plane begins, at most [radii of the outline].
 const CONTACT: f64 = 0.1;
 
@@ -83,6 +88,8 @@ pub(super) struct Found {
     is_backdrop: bool,
     /// Whether sides are seen below its rim.
     has_sides: bool,
+    /// What tells points from strays, where most of what is below it were such.
+    company: Option<Company>,
     reason: String,
 }
 
@@ -100,9 +107,12 @@ impl Found {
         let plane = self.plane.refitted(points, band)?;
         let plane = if plane.normal.dot(&self.plane.normal) < 0.0 { plane.flipped() } else { plane };
         let margin = NEAR * self.outline.radius();
-        let over =
-            |p: &[f64; 3]| plane.distance(p) > band && self.outline.contains(self.axes.flat(p), margin);
-        let kept: Vec<u32> = (0_u32..).zip(points).filter(|(_, p)| over(p)).map(|(i, _)| i).collect();
+        let is_stray = |p: &[f64; 3]| self.company.as_ref().is_some_and(|company| !company.would_hold(p));
+        let over = |p: &[f64; 3]| {
+            plane.distance(p) > band && self.outline.contains(self.axes.flat(p), margin) && !is_stray(p)
+        };
+        let rows = (0..points.len() as u32).into_par_iter().with_min_len(CHUNK);
+        let kept: Vec<u32> = rows.filter(|&i| over(&points[i as usize])).collect();
         Some(Ground {
             plane: plane.coefficients(),
             band,
@@ -144,6 +154,16 @@ impl Around {
     fn share_above(&self, others: usize) -> f64 {
         self.above.len() as f64 / (self.above.len() + others).max(1) as f64
     }
+
+    /// Number of those below the plane.
+    fn beneath(&self) -> usize {
+        self.below + self.sides
+    }
+
+    /// Whether something is below it, but so little that it may be strays.
+    fn is_spoilt(&self) -> bool {
+        SPOILT.contains(&self.share_above(self.beneath()))
+    }
 }
 
 impl SeenPoints<'_> {
@@ -161,7 +181,17 @@ impl SeenPoints<'_> {
         let outline = Outline::new(&self.flat(&axes, &on))?;
         let near = self.near(&plane, band, &axes, &outline);
         let plane = self.toward_the_rest(plane, &on, &near)?;
-        let around = self.around(&plane, &axes, &outline, &near);
+        let mut around = self.around(&plane, &axes, &outline, &near);
+        let mut company = None;
+        if around.is_spoilt() {
+            let known = Company::of(self.points, &on)?;
+            let near: Vec<usize> = near.into_par_iter().filter(|&i| known.holds(&self.points[i])).collect();
+            let of_surfaces = self.around(&plane, &axes, &outline, &near);
+            if of_surfaces.beneath() <= around.beneath() / 2 {
+                around = of_surfaces;
+                company = Some(known);
+            }
+        }
         if (around.above.len() as f64) < MOSTLY * (around.above.len() + around.beside) as f64 {
             return None;
         }
@@ -197,7 +227,7 @@ impl SeenPoints<'_> {
             100.0 * share,
             100.0 * free
         );
-        Some(Found { plane, axes, outline, is_touched, is_backdrop, has_sides, reason })
+        Some(Found { plane, axes, outline, is_touched, is_backdrop, has_sides, company, reason })
     }
 
     fn flat(&self, axes: &PlaneAxes, indices: &[usize]) -> Vec<Flat> {

@@ -182,3 +182,14 @@ def test_a_refusal_says_how_much_the_sensor_lost() -> None:
     scene = scan(part("cam_casting"), "sphere", views=5, seed=1, dropout=0.3).scene
     with pytest.raises(sympose.NoSymmetryError, match=r"\d+ % of the returns are missing"):
         sympose.estimate(scene, views=())
+
+
+@pytest.mark.parametrize("name", ["propeller_4", "wheel_hub_5", "flange_8", "gear_12"])
+def test_strays_below_a_table_do_not_keep_it_from_being_found(name: str) -> None:
+    one = scan(part(name), "table", views=3, seed=2, outliers=0.1)
+    found = sympose.estimate(one.scene.points, viewpoints=one.scene.viewpoints, order=one.order)
+    assert found.ground is not None
+    assert abs(found.axis @ one.axis) > np.cos(np.radians(0.1))
+    assert found.score >= 0.5
+    strays = np.mean(one.label_of_point[found.inliers] == LABELS.index("outlier"))
+    assert strays < 0.005

@@ -1,4 +1,4 @@
-"""Viewpoints that are not where the sensors stood, as users give them by mistake: it is said, whatever comes of it."""
+"""Viewpoints that are not where the sensors stood, as users give them by mistake: a warning says so."""
 
 from __future__ import annotations
 
