@@ -1,7 +1,6 @@
 //! Whether a plane is one that a part stands on, or one of its own faces.
 
 use std::cmp::Ordering;
-use std::ops::Range;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -48,8 +47,9 @@ const MARGIN: f64 = 0.03;
 /// Share of what is above a plane, in that margin, that must stand on it; the rest may lean over its edge.
 const MOSTLY: f64 = 0.8;
 
-/// Share of what is near a plane that is above it where what is below, or most of it, may be strays.
-const SPOILT: Range<f64> = 0.7..0.999;
+/// What is below a plane where it, or most of it, may be strays: at most so much [points on the plane] and at least so much [points
+/// above it]. Below a face of a part there is more.
+const STRAYS: [f64; 2] = [0.1, 0.001];
 
 /// Height at which what stands on a plane begins, at most [radii of the outline].
 const CONTACT: f64 = 0.1;
@@ -160,9 +160,10 @@ impl Around {
         self.below + self.sides
     }
 
-    /// Whether something is below it, but so little that it may be strays.
-    fn is_spoilt(&self) -> bool {
-        SPOILT.contains(&self.share_above(self.beneath()))
+    /// Whether something is below it, with so many points `on` it that it may be strays.
+    fn is_spoilt(&self, on: usize) -> bool {
+        let beneath = self.beneath() as f64;
+        beneath <= STRAYS[0] * on as f64 && beneath > STRAYS[1] * self.above.len() as f64
     }
 }
 
@@ -183,7 +184,7 @@ impl SeenPoints<'_> {
         let plane = self.toward_the_rest(plane, &on, &near)?;
         let mut around = self.around(&plane, &axes, &outline, &near);
         let mut company = None;
-        if around.is_spoilt() {
+        if around.is_spoilt(on.len()) {
             let known = Company::of(self.points, &on)?;
             let near: Vec<usize> = near.into_par_iter().filter(|&i| known.holds(&self.points[i])).collect();
             let of_surfaces = self.around(&plane, &axes, &outline, &near);
