@@ -343,9 +343,9 @@ pub(crate) fn odd_sensors(prepared: &Prepared) -> Option<String> {
 
 /// Says so when sensors cannot have measured the points from where they are said to have stood.
 pub(crate) fn wrong_viewpoints(prepared: &Prepared) -> Option<String> {
-    /// Share of what views saw that others may have looked through: up to 0.04 at five sigma on a table.
+    /// Share of what views saw that others may have looked through: right viewpoints have up to 0.04 at five sigma on a table.
     const THROUGH: f64 = 0.15;
-    /// Share of what a view saw that may lie behind other points of it: up to 0.14 from the side.
+    /// Share of what a view saw that may lie behind other points of it: right viewpoints have up to 0.14 from the side.
     const BEHIND: f64 = 0.15;
     let Conflict { looked_through, behind_others } = prepared.visibility.as_ref()?.conflict;
     (looked_through > THROUGH || behind_others > BEHIND).then(|| {
