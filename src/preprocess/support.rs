@@ -182,17 +182,7 @@ impl SeenPoints<'_> {
         let outline = Outline::new(&self.flat(&axes, &on))?;
         let near = self.near(&plane, band, &axes, &outline);
         let plane = self.toward_the_rest(plane, &on, &near)?;
-        let mut around = self.around(&plane, &axes, &outline, &near);
-        let mut company = None;
-        if around.is_spoilt(on.len()) {
-            let known = Company::of(self.points, &on)?;
-            let near: Vec<usize> = near.into_par_iter().filter(|&i| known.holds(&self.points[i])).collect();
-            let of_surfaces = self.around(&plane, &axes, &outline, &near);
-            if of_surfaces.beneath() <= around.beneath() / 2 {
-                around = of_surfaces;
-                company = Some(known);
-            }
-        }
+        let (around, company) = self.around_without_strays(&plane, &axes, &outline, &near, &on);
         if (around.above.len() as f64) < MOSTLY * (around.above.len() + around.beside) as f64 {
             return None;
         }
@@ -265,6 +255,29 @@ impl SeenPoints<'_> {
         let (below, sides): (Vec<usize>, Vec<usize>) =
             near.iter().copied().filter(is_below).partition(|&i| is_over(i, -RIM));
         Around { above, beside: beside.len(), below: below.len(), sides: sides.len() }
+    }
+
+    /// The same without strays, and what tells them from points of surfaces, where most of what is below it are such. The plane has
+    /// the points `on` it.
+    fn around_without_strays(
+        &self,
+        plane: &HalfSpace,
+        axes: &PlaneAxes,
+        outline: &Outline,
+        near: &[usize],
+        on: &[usize],
+    ) -> (Around, Option<Company>) {
+        let all = self.around(plane, axes, outline, near);
+        if !all.is_spoilt(on.len()) {
+            return (all, None);
+        }
+        let Some(company) = Company::of(self.points, on) else { return (all, None) };
+        let near: Vec<usize> = near.par_iter().copied().filter(|&i| company.holds(&self.points[i])).collect();
+        let of_surfaces = self.around(plane, axes, outline, &near);
+        if of_surfaces.beneath() > all.beneath() / 2 {
+            return (all, None);
+        }
+        (of_surfaces, Some(company))
     }
 
     /// Height at which what stands `above` a plane begins \[length\].
