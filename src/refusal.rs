@@ -45,9 +45,8 @@ impl Estimator {
         } else if self.config().roi.is_none() && best.is_some() {
             advice += "; if something else is in the scan, such as what holds the part, set roi, or declare the order";
         }
-        advice.extend(odd_sensors(prepared).map(|odd| format!("; {odd}")));
-        let seen = wrong_viewpoints(prepared).or_else(|| missing_returns(prepared));
-        advice.extend(seen.map(|seen| format!("; {seen}")));
+        let of_sensors = [odd_sensors(prepared), wrong_viewpoints(prepared), missing_returns(prepared)];
+        advice.extend(of_sensors.into_iter().flatten().map(|remark| format!("; {remark}")));
         let evidence = match best {
             Some(Refusal { axis, explained, score, is_denied }) => Evidence {
                 axis: (prepared.world_from_local * axis.direction.into_inner()).into(),

@@ -61,7 +61,7 @@ pub(crate) fn remarks(answer: &Answer, chosen: &Found, candidates: &[Found]) -> 
     let mut warnings: Vec<String> = order_warning(declared, detection).into_iter().chain(ambiguity).collect();
     if is_open {
         warnings.extend((!prepared.outward).then(|| UNSEEN.to_owned()));
-        warnings.extend(missing_returns(prepared).filter(|_| wrong_viewpoints(prepared).is_none()));
+        warnings.extend(missing_returns(prepared));
         warnings.extend(unseen_half.filter(|half| !half.is_ambiguous()).map(|half| half.remark()));
         warnings.extend(prepared.sight(axis).unseen().map(unseen_sector));
         warnings.extend(details(detection).filter(|_| answer.too_fine().is_none()));
@@ -275,12 +275,13 @@ pub(crate) fn order_warning(declared: Order, detection: &Detection) -> Option<St
     }
 }
 
-/// Says so when the sensor loses so much that gaps in the part are hard to tell from gaps in the scan.
+/// Says so when the sensor loses so much that gaps in the part are hard to tell from gaps in the scan. Where viewpoints are wrong
+/// nothing tells what should have been seen.
 pub(crate) fn missing_returns(prepared: &Prepared) -> Option<String> {
     /// Returns lost for each that comes.
     const MANY: f64 = 0.05;
     let dropout = prepared.visibility.as_ref()?.dropout;
-    (dropout > MANY).then(|| {
+    (dropout > MANY && wrong_viewpoints(prepared).is_none()).then(|| {
         let percent = 100.0 * dropout / (1.0 + dropout);
         let about = if dropout < 1.0 { "about" } else { "at least" };
         format!(

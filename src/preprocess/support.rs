@@ -257,8 +257,8 @@ impl SeenPoints<'_> {
         Around { above, beside: beside.len(), below: below.len(), sides: sides.len() }
     }
 
-    /// The same without strays, and what tells them from points of surfaces, where most of what is below it are such. The plane has
-    /// the points `on` it.
+    /// The same for a plane with the points `on` it. Where most of what is below it are strays, these are left out, and what tells
+    /// them from points of surfaces is returned, too.
     fn around_without_strays(
         &self,
         plane: &HalfSpace,

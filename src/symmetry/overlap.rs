@@ -107,9 +107,9 @@ pub(crate) fn loss_ratio(views: &[DepthMap], part: &[Measured], grazing: f64) ->
 /// none looks through what another one measured.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Conflict {
-    /// Share of what a view looked through in what other views measured where it saw the surface, or looked through it.
+    /// Share of the points of other views where a view saw something behind them, among these and those that it met.
     pub(crate) looked_through: f64,
-    /// Share of the points of the views that lie behind others of the same view.
+    /// Share of the points of all views that lie behind others of the same view.
     pub(crate) behind_others: f64,
 }
 

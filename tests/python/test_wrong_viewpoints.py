@@ -18,7 +18,7 @@ REMARK = "the viewpoints do not fit the points"
 
 def translations_of_inverse_poses(one: Scan) -> NDArray[np.float64]:
     """The t of each world-to-camera pose of COLMAP, which is -R C, where C was asked for."""
-    places = np.empty_like(one.scene.points)
+    places = np.full_like(one.scene.points, np.nan)
     centers = one.scene.viewpoints
     for view in one.scene.views:
         camera_from_world = np.linalg.inv(view.world_from_camera)
